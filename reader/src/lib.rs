@@ -1,0 +1,1 @@
+//! Source -> checked pages -> views -> CPU queries.
