@@ -1,0 +1,432 @@
+//! Kind `mh`: the compressed quadtree of Scandolo, Bauszat and Eisemann 2016, section 3.2.
+//!
+//! Two departures from the paper: child offsets count within a page of at most 16384 words, so the 16-bit pointer
+//! needs no scale per level; and a group of children may lie in another page.
+//!
+//! ```text
+//! leaf    word 0   the value
+//! inner   word 0   bits 0..8 mask | 8..16 place | 16..32 at        word 1   the value
+//! empty   word 0   as inner, no value
+//!
+//! mask    bits 2c..2c+2 are the type of child c: 0 none, 1 leaf, 2 inner, 3 empty; c = x bit | y bit << 1
+//! place   0: the children lie in this page, one behind the other by rising c, from word `at`
+//!         1: they are the root group of child page `at`: the page of ordinal record.first_child + at
+//! ```
+//!
+//! The root group of a page starts at word 2, directly behind the frame; its types are the frame's `root_mask`, its
+//! nodes are at the frame's `root_level`. The page of a tree's root has one child in it, number 0: the root node, a
+//! leaf or inner, at level `log2_resolution`. Level 0 is the texel.
+//!
+//! **Lookup** (x, y, level L): take child c of the group, c from bit l of x and y where l is the group's level; keep
+//! the value last seen; stop at a missing child, at a leaf, or when l = L; the value last seen is the answer. A lookup
+//! takes the types of a page's root group from that page, never from the parent, so that it is safe on any page that
+//! passed [`check`] alone.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation
+)]
+
+use crate::error::{FormatError, Rule, Value};
+use crate::page::{FRAME_WORDS, FrameHead, PageContext};
+
+/// First word of the root group.
+pub const ROOT_GROUP: u16 = 2;
+const _: () = assert!(ROOT_GROUP as usize == FRAME_WORDS);
+
+/// Type of a node, as the mask of its parent has it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum NodeType {
+    /// No node: the value from above holds.
+    None = 0,
+    /// A value and no children; 1 word.
+    Leaf = 1,
+    /// Children and a value; 2 words.
+    Inner = 2,
+    /// Children and no value; 1 word.
+    Empty = 3,
+}
+
+impl NodeType {
+    /// From the low 2 bits.
+    #[inline]
+    pub const fn from_bits(bits: u8) -> Self {
+        match bits & 3 {
+            0 => Self::None,
+            1 => Self::Leaf,
+            2 => Self::Inner,
+            _ => Self::Empty,
+        }
+    }
+
+    /// Words that a node of this type takes.
+    #[inline]
+    pub const fn words(self) -> u32 {
+        match self {
+            Self::None => 0,
+            Self::Leaf | Self::Empty => 1,
+            Self::Inner => 2,
+        }
+    }
+
+    /// Whether the node has a value.
+    #[inline]
+    pub const fn has_value(self) -> bool {
+        matches!(self, Self::Leaf | Self::Inner)
+    }
+
+    /// Whether the node has children.
+    #[inline]
+    pub const fn has_children(self) -> bool {
+        matches!(self, Self::Inner | Self::Empty)
+    }
+}
+
+/// Types of the 4 children of a group, 2 bits each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mask(pub u8);
+
+impl Mask {
+    /// Mask of 4 types by rising child number.
+    pub const fn new(types: [NodeType; 4]) -> Self {
+        let [a, b, c, d] = types;
+        Self(a as u8 | (b as u8) << 2 | (c as u8) << 4 | (d as u8) << 6)
+    }
+
+    /// Type of child `c`, 0 to 3.
+    #[inline]
+    pub const fn child(self, c: u32) -> NodeType {
+        NodeType::from_bits(self.0 >> ((c & 3) * 2))
+    }
+
+    /// Words of the children before child `c`, 0 to 4: what to add to the group's first word.
+    #[inline]
+    pub const fn words_before(self, c: u32) -> u32 {
+        let low = self.0 as u32 & ((1 << ((c & 7) * 2)) - 1);
+        let (first, second) = (low & 0x55, (low >> 1) & 0x55);
+        // Every node takes a word; inner nodes (bits 10) one more.
+        (first | second).count_ones() + (second & !first).count_ones()
+    }
+
+    /// Words of the whole group, 0 to 8.
+    #[inline]
+    pub const fn words(self) -> u32 {
+        self.words_before(4)
+    }
+}
+
+/// Where the children of a node lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Children {
+    /// In the same page, from this word.
+    Here(u16),
+    /// They are the root group of this child page, an index below `child_refs`.
+    Page(u16),
+}
+
+/// First word of an inner or empty node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Node {
+    /// Types of the children.
+    pub mask: Mask,
+    /// Where they lie.
+    pub children: Children,
+}
+
+impl Node {
+    /// The word.
+    #[inline]
+    pub const fn encode(self) -> u32 {
+        let (place, at) = match self.children {
+            Children::Here(word) => (0, word),
+            Children::Page(child) => (1, child),
+        };
+        self.mask.0 as u32 | place << 8 | (at as u32) << 16
+    }
+
+    /// Reads the word. Only bit 0 of `place` counts; [`check`] refuses the others.
+    #[inline]
+    pub const fn decode(word: u32) -> Self {
+        let [mask, place, low, high] = word.to_le_bytes();
+        let at = u16::from_le_bytes([low, high]);
+        Self { mask: Mask(mask), children: if place & 1 == 0 { Children::Here(at) } else { Children::Page(at) } }
+    }
+}
+
+/// Number of the child of a group at `level` that texel (x, y) lies in; level at most 31.
+#[inline]
+pub const fn child_of(x: u32, y: u32, level: u8) -> u32 {
+    (x >> (level & 31) & 1) | (y >> (level & 31) & 1) << 1
+}
+
+/// What a page holds, counted by [`check`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PageCounts {
+    /// Leaf nodes.
+    pub leaves: u32,
+    /// Inner nodes.
+    pub inner: u32,
+    /// Empty nodes.
+    pub empty: u32,
+    /// Smallest value; `u32::MAX` where there is none.
+    pub min: u32,
+    /// Largest value; 0 where there is none.
+    pub max: u32,
+    /// Finest level of a node.
+    pub level_finest: u8,
+}
+
+/// Most words of a page, as bits.
+const MAP: usize = crate::index::MAX_PAGE_WORDS as usize / 32;
+/// Groups that wait: a group leaves at most 4 groups behind at each of 25 levels, of which one is taken at once.
+const WAITING: usize = 4 * 25;
+
+/// Marks one bit; `false` where it was marked before or lies outside.
+fn mark(map: &mut [u32; MAP], bit: u32) -> bool {
+    let Some(word) = map.get_mut((bit / 32) as usize) else { return false };
+    let fresh = *word >> (bit % 32) & 1 == 0;
+    *word |= 1 << (bit % 32);
+    fresh
+}
+
+/// Checks the words of a page whose frame has been checked: every word reached exactly once, children behind their
+/// node, every child page referred to exactly once, no children below level 0, no node without children, levels and
+/// values within the page's record. Time and memory are linear in the words.
+///
+/// # Errors
+/// `mh.*`; the offset is that of the node's word.
+pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<PageCounts, FormatError> {
+    let mask = Mask(head.root_mask);
+    let number = |v: u32| Value::Number(v.into());
+    if cx.page.is_flat() || cx.page.is_shared() || cx.page.dep_count.get() != 0 {
+        let found = Value::Text("a flat or shared page, or dependencies");
+        return Err(cx.fault(Rule::MhPlain, 0, Value::Text("a page of the tree"), found));
+    }
+    if cx.is_root() {
+        let full = mask.0 == NodeType::Leaf as u8 || mask.0 == NodeType::Inner as u8;
+        if !full || head.root_level != cx.record.log2_resolution {
+            let expected = Value::Text("one leaf or inner node of the whole map");
+            return Err(cx.fault(Rule::MhRoot, 0, expected, Value::Hex(mask.0.into())));
+        }
+    } else if mask.0 == 0 || head.root_level >= cx.record.log2_resolution {
+        let expected = Value::Text("a group of nodes below the root");
+        return Err(cx.fault(Rule::MhRoot, 0, expected, Value::Hex(mask.0.into())));
+    }
+    // A root group spans twice its nodes' side; the root node is the whole map.
+    let side = if cx.is_root() { head.root_level } else { head.root_level.saturating_add(1) };
+    if (cx.page.log2_x, cx.page.log2_y, cx.page.log2_l) != (side, side, 0) {
+        return Err(cx.fault(Rule::MhFootprint, 1, number(side.into()), number(cx.page.log2_x.into())));
+    }
+    let mut counts = PageCounts { min: u32::MAX, level_finest: head.root_level, ..PageCounts::default() };
+    let mut words = [0u32; MAP];
+    let mut refs = [0u32; MAP];
+    let (mut words_reached, mut refs_reached) = (0u32, 0u16);
+    let mut waiting = [(ROOT_GROUP, mask, head.root_level); WAITING];
+    let mut count = 1usize;
+    while let Some(&(start, mask, level)) = count.checked_sub(1).and_then(|top| waiting.get(top)) {
+        count -= 1;
+        counts.level_finest = counts.level_finest.min(level);
+        for c in 0..4 {
+            let kind = mask.child(c);
+            if kind == NodeType::None {
+                continue;
+            }
+            let at = u32::from(start) + mask.words_before(c);
+            for word in at..at + kind.words() {
+                if word as usize >= page.len() {
+                    return Err(cx.fault(
+                        Rule::MhBounds,
+                        at as usize,
+                        Value::AtMost(page.len() as u64 - 1),
+                        number(word),
+                    ));
+                }
+                if !mark(&mut words, word) {
+                    return Err(cx.fault(
+                        Rule::MhOverlap,
+                        word as usize,
+                        Value::Text("a word of one node"),
+                        Value::Text("of two"),
+                    ));
+                }
+                words_reached += 1;
+            }
+            let at = at as usize;
+            let word = |i: usize| page.get(i).copied().unwrap_or(0);
+            if kind.has_value() {
+                let value = word(if kind == NodeType::Inner { at + 1 } else { at });
+                counts.min = counts.min.min(value);
+                counts.max = counts.max.max(value);
+            }
+            match kind {
+                NodeType::None => {}
+                NodeType::Leaf => counts.leaves += 1,
+                NodeType::Inner => counts.inner += 1,
+                NodeType::Empty => counts.empty += 1,
+            }
+            if !kind.has_children() {
+                continue;
+            }
+            let node = Node::decode(word(at));
+            let place = word(at) >> 8 & 0xFF;
+            if place > 1 {
+                return Err(cx.fault(Rule::MhPlace, at, Value::AtMost(1), number(place)));
+            }
+            if node.mask.0 == 0 {
+                return Err(cx.fault(Rule::MhChildless, at, Value::Text("at least one child"), Value::Number(0)));
+            }
+            let Some(below) = level.checked_sub(1) else {
+                return Err(cx.fault(Rule::MhDepth, at, Value::Text("a leaf at level 0"), Value::Text("children")));
+            };
+            match node.children {
+                Children::Page(child) => {
+                    if child >= head.child_refs {
+                        let most = Value::Text("an index below the page's child_refs");
+                        return Err(cx.fault(Rule::MhReference, at, most, number(child.into())));
+                    }
+                    if !mark(&mut refs, child.into()) {
+                        return Err(cx.fault(
+                            Rule::MhReference,
+                            at,
+                            Value::Text("one reference to a child"),
+                            number(child.into()),
+                        ));
+                    }
+                    refs_reached += 1;
+                }
+                Children::Here(first) => {
+                    if usize::from(first) <= at {
+                        return Err(cx.fault(Rule::MhOrder, at, Value::AtLeast(at as u64 + 1), number(first.into())));
+                    }
+                    // Cannot run out: levels fall by one, so at most 4 groups wait for each level.
+                    let Some(slot) = waiting.get_mut(count) else {
+                        return Err(cx.fault(
+                            Rule::MhDepth,
+                            at,
+                            Value::AtMost(WAITING as u64),
+                            Value::Number(count as u64),
+                        ));
+                    };
+                    *slot = (first, node.mask, below);
+                    count += 1;
+                }
+            }
+        }
+    }
+    let unreached = (page.len() as u64).saturating_sub(u64::from(words_reached) + FRAME_WORDS as u64);
+    if unreached != 0 {
+        return Err(cx.fault(Rule::MhHole, 0, Value::Text("every word in a node"), Value::Number(unreached)));
+    }
+    if refs_reached != head.child_refs {
+        return Err(cx.fault(Rule::MhReference, 0, number(head.child_refs.into()), number(refs_reached.into())));
+    }
+    if counts.level_finest != cx.page.level_finest {
+        let (expected, found) = (number(cx.page.level_finest.into()), number(counts.level_finest.into()));
+        return Err(cx.fault(Rule::MhLevels, 0, expected, found));
+    }
+    let (min, max) = (cx.page.min_depth.get(), cx.page.max_depth.get());
+    let valued = counts.leaves + counts.inner != 0;
+    if valued && (counts.min < min || counts.max > max) {
+        let out = if counts.min < min { counts.min } else { counts.max };
+        return Err(cx.fault(Rule::MhValues, 0, Value::Between(min.into(), max.into()), number(out)));
+    }
+    Ok(counts)
+}
+
+/// What a node says about the child page that holds its children.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Link {
+    /// Types of the children.
+    pub mask: Mask,
+    /// Level of the children.
+    pub level: u8,
+    /// First texel of the node in x, finest level.
+    pub x: u32,
+    /// First texel of the node in y.
+    pub y: u32,
+}
+
+/// Calls `visit` with the index and the [`Link`] of every child page that a page refers to. The page must have passed
+/// [`check`]; on other words it ends all the same.
+pub fn links(page: &[u32], head: &FrameHead, cx: &PageContext<'_>, mut visit: impl FnMut(u16, Link)) {
+    let mut waiting =
+        [(ROOT_GROUP, Mask(head.root_mask), head.root_level, cx.page.origin_x.get(), cx.page.origin_y.get()); WAITING];
+    let mut count = 1usize;
+    while let Some(&(start, mask, level, x, y)) = count.checked_sub(1).and_then(|top| waiting.get(top)) {
+        count -= 1;
+        for c in (0..4).filter(|&c| mask.child(c).has_children()) {
+            let at = u32::from(start) + mask.words_before(c);
+            let (Some(&word), Some(below)) = (page.get(at as usize), level.checked_sub(1)) else { continue };
+            let node = Node::decode(word);
+            let link = Link {
+                mask: node.mask,
+                level: below,
+                x: x.wrapping_add((c & 1) << (level & 31)),
+                y: y.wrapping_add((c >> 1) << (level & 31)),
+            };
+            match node.children {
+                Children::Page(child) => visit(child, link),
+                Children::Here(first) => {
+                    if let Some(slot) = waiting.get_mut(count) {
+                        *slot = (first, link.mask, link.level, link.x, link.y);
+                        count += 1;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Checks that a page is the one that its parent's node describes: types, level, place in the map, root.
+///
+/// # Errors
+/// `mh.link`.
+pub fn check_link(link: &Link, parent_root: u16, head: &FrameHead, cx: &PageContext<'_>) -> Result<(), FormatError> {
+    let pairs = [
+        (u64::from(link.mask.0), u64::from(head.root_mask)),
+        (link.level.into(), head.root_level.into()),
+        (link.x.into(), cx.page.origin_x.get().into()),
+        (link.y.into(), cx.page.origin_y.get().into()),
+        (parent_root.into(), cx.page.root.get().into()),
+    ];
+    match pairs.into_iter().find(|(expected, found)| expected != found) {
+        None => Ok(()),
+        Some((expected, found)) => Err(cx.fault(Rule::MhLink, 0, Value::Number(expected), Value::Number(found))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_before_counts_every_mask() {
+        for bits in 0..=255u8 {
+            let mask = Mask(bits);
+            let mut sum = 0;
+            for c in 0..4 {
+                assert_eq!(mask.words_before(c), sum, "{bits:#X} {c}");
+                sum += mask.child(c).words();
+            }
+            assert_eq!(mask.words(), sum);
+        }
+    }
+
+    #[test]
+    fn nodes_keep_their_bits() {
+        for children in [Children::Here(0), Children::Here(65535), Children::Page(0), Children::Page(513)] {
+            let node = Node { mask: Mask(0b11_10_01_00), children };
+            assert_eq!(Node::decode(node.encode()), node);
+        }
+        assert_eq!(Node { mask: Mask(0xE4), children: Children::Page(0x1234) }.encode(), 0x1234_01E4);
+    }
+
+    #[test]
+    fn children_come_from_the_bits_of_the_texel() {
+        assert_eq!([(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| child_of(x << 5, y << 5, 5)), [0, 1, 2, 3]);
+    }
+}

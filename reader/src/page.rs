@@ -1,0 +1,237 @@
+//! The steps of a page: bytes whose CRC holds, then a frame that agrees with the index, then nodes that are safe to
+//! walk. Each step takes the one before, so that an unchecked page can't be queried or uploaded.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation
+)]
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use umbrage_format::checksum::{content_hash, page_crc};
+use umbrage_format::kind::mh::{self, PageCounts};
+use umbrage_format::page::{FrameHead, PageContext, check_frame};
+use umbrage_format::{FormatError, Kind, PageRecord, Place, Rule, Value};
+use zerocopy::{FromBytes, IntoBytes};
+
+use crate::container::Shared;
+use crate::{ReaderError, Source, Structure};
+
+/// Words of a page: in the source's memory where they lie there in host order, else a copy.
+#[derive(Clone)]
+enum Words {
+    Owned(Arc<[u32]>),
+    Borrowed { source: Arc<dyn Source>, range: Range<usize> },
+}
+
+impl Words {
+    /// Borrows where the source lends its bytes, they are aligned, and the host is little-endian.
+    fn borrow(source: &Arc<dyn Source>, offset: u64, length: usize) -> Option<Self> {
+        let start = usize::try_from(offset).ok()?;
+        let range = start..start.checked_add(length)?;
+        let words = <[u32]>::ref_from_bytes(source.bytes()?.get(range.clone())?);
+        (cfg!(target_endian = "little") && words.is_ok()).then(|| Self::Borrowed { source: source.clone(), range })
+    }
+
+    fn get(&self) -> &[u32] {
+        match self {
+            Self::Owned(words) => words,
+            // Held to be aligned and inside when it was made.
+            Self::Borrowed { source, range } => source
+                .bytes()
+                .and_then(|b| b.get(range.clone()))
+                .and_then(|b| <[u32]>::ref_from_bytes(b).ok())
+                .unwrap_or_default(),
+        }
+    }
+}
+
+/// A page whose stored bytes match their CRC; nothing is known of their meaning.
+#[derive(Clone)]
+pub struct PageBytes {
+    structure: Structure,
+    ordinal: u32,
+    record: PageRecord,
+    /// The file's bytes, not yet turned to host order.
+    words: Words,
+}
+
+impl PageBytes {
+    pub(crate) fn read(
+        structure: &Structure,
+        shared: &Shared,
+        ordinal: u32,
+        record: PageRecord,
+    ) -> Result<Self, ReaderError> {
+        let place = Place::Page { structure: structure.number(), ordinal };
+        let (offset, count) = (record.offset.get(), usize::from(record.stored_words()));
+        let words = match Words::borrow(&shared.source, offset, count * 4) {
+            Some(words) => words,
+            None => {
+                let mut words = vec![0u32; count];
+                shared.read(offset, words.as_mut_bytes())?;
+                Words::Owned(words.into())
+            }
+        };
+        let crc = page_crc(shared.header.id(), structure.number(), ordinal, words.get().as_bytes());
+        FormatError::crc(Rule::PageCrc, place, offset, crc, record.crc32.get()).map_err(|e| structure.fault(e))?;
+        Ok(Self { structure: structure.clone(), ordinal, record, words })
+    }
+
+    /// The page as stored.
+    pub fn bytes(&self) -> &[u8] {
+        self.words.get().as_bytes()
+    }
+
+    /// Its record.
+    pub fn record(&self) -> &PageRecord {
+        &self.record
+    }
+
+    /// Its ordinal.
+    pub fn ordinal(&self) -> u32 {
+        self.ordinal
+    }
+
+    /// Holds the content hash against the bytes; the CRC has found damage already, this finds a wrong index.
+    ///
+    /// # Errors
+    /// `page.hash`.
+    pub fn check_hash(&self) -> Result<(), ReaderError> {
+        let (computed, stored) = (content_hash(self.bytes()), self.record.content_hash.get());
+        if computed == stored {
+            return Ok(());
+        }
+        let place = Place::Page { structure: self.structure.number(), ordinal: self.ordinal };
+        let (expected, found) = (Value::Hex(computed), Value::Hex(stored));
+        let error = FormatError::new(Rule::PageHash, place, self.record.offset.get(), expected, found);
+        Err(self.structure.fault(error))
+    }
+
+    /// Next step: the frame against the index.
+    ///
+    /// # Errors
+    /// `page.*`; a page that is stored in another form than it is queried in is refused by `page.cold`.
+    pub fn check_frame(self) -> Result<FrameChecked, ReaderError> {
+        let Self { structure, ordinal, record, words } = self;
+        let cx = context(&structure, ordinal, &record);
+        if record.cold_words.get() != 0 {
+            let found = Value::Number(record.cold_words.get().into());
+            return Err(structure.fault(cx.fault(Rule::PageCold, 0, Value::Number(0), found)));
+        }
+        let words = if cfg!(target_endian = "little") {
+            words
+        } else {
+            Words::Owned(words.get().iter().map(|&w| u32::from_le(w)).collect())
+        };
+        let head = check_frame(words.get(), &cx).map_err(|e| structure.fault(e))?;
+        Ok(FrameChecked { structure, ordinal, record, head, words })
+    }
+}
+
+/// A page whose frame agrees with the index.
+#[derive(Clone)]
+pub struct FrameChecked {
+    structure: Structure,
+    ordinal: u32,
+    record: PageRecord,
+    head: FrameHead,
+    words: Words,
+}
+
+impl FrameChecked {
+    /// The words, frame included, in host order.
+    pub fn words(&self) -> &[u32] {
+        self.words.get()
+    }
+
+    /// The frame's two words.
+    pub fn head(&self) -> &FrameHead {
+        &self.head
+    }
+
+    /// Its record.
+    pub fn record(&self) -> &PageRecord {
+        &self.record
+    }
+
+    /// Its ordinal.
+    pub fn ordinal(&self) -> u32 {
+        self.ordinal
+    }
+
+    /// Last step: the words by the rules of the kind.
+    ///
+    /// # Errors
+    /// A rule of the kind, or [`ReaderError::UnsupportedKind`] where this version has none for it.
+    pub fn check_kind(self) -> Result<CheckedPage, ReaderError> {
+        let Self { structure, ordinal, record, head, words } = self;
+        if structure.kind() != Kind::Mh {
+            return Err(ReaderError::UnsupportedKind {
+                file: structure.file().clone(),
+                structure: structure.name().to_string(),
+                kind: structure.kind(),
+            });
+        }
+        let cx = context(&structure, ordinal, &record);
+        let counts = mh::check(words.get(), &head, &cx).map_err(|e| structure.fault(e))?;
+        Ok(CheckedPage { ordinal, record, head, words, counts })
+    }
+}
+
+/// A page that is safe to walk and to upload.
+#[derive(Clone)]
+pub struct CheckedPage {
+    ordinal: u32,
+    record: PageRecord,
+    head: FrameHead,
+    words: Words,
+    counts: PageCounts,
+}
+
+impl CheckedPage {
+    /// The words, frame included, in host order.
+    pub fn words(&self) -> &[u32] {
+        self.words.get()
+    }
+
+    /// The frame's two words.
+    pub fn head(&self) -> &FrameHead {
+        &self.head
+    }
+
+    /// Its record.
+    pub fn record(&self) -> &PageRecord {
+        &self.record
+    }
+
+    /// Its ordinal.
+    pub fn ordinal(&self) -> u32 {
+        self.ordinal
+    }
+
+    /// Its nodes by type and the range of its values.
+    pub fn counts(&self) -> &PageCounts {
+        &self.counts
+    }
+}
+
+/// What a page of `structure` is checked against.
+pub(crate) fn context<'a>(structure: &'a Structure, ordinal: u32, record: &'a PageRecord) -> PageContext<'a> {
+    PageContext { structure: structure.number(), ordinal, page: record, record: structure.record() }
+}
+
+macro_rules! debug_by_ordinal {
+    ($($name:ident)*) => { $(
+        impl std::fmt::Debug for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.debug_struct(stringify!($name)).field("ordinal", &self.ordinal).field("record", &self.record).finish()
+            }
+        }
+    )* };
+}
+debug_by_ordinal!(PageBytes FrameChecked CheckedPage);

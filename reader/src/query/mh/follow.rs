@@ -1,0 +1,53 @@
+//! Holds the pages of a structure, taken in ordinal order, against what their parents' nodes say of them.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation
+)]
+
+use std::collections::VecDeque;
+
+use umbrage_format::kind::mh::{Link, check_link, links};
+
+use crate::page::context;
+use crate::{CheckedPage, ReaderError, Structure};
+
+/// What parents said of the pages to come. Level order makes this a queue: children are numbered as their parents come.
+#[derive(Debug, Default)]
+pub(crate) struct Follow {
+    /// Root of the parent and link; none where the parent could not be read.
+    announced: VecDeque<Option<(u16, Link)>>,
+}
+
+impl Follow {
+    /// Checks the next page and notes what it says of its children.
+    ///
+    /// # Errors
+    /// `mh.link`.
+    pub(crate) fn page(&mut self, structure: &Structure, page: &CheckedPage) -> Result<(), ReaderError> {
+        let cx = context(structure, page.ordinal(), page.record());
+        let said = if cx.is_root() { None } else { self.announced.pop_front().flatten() };
+        let first = self.announced.len();
+        self.announced.resize(first + usize::from(page.head().child_refs), None);
+        links(page.words(), page.head(), &cx, |child, link| {
+            if let Some(slot) = self.announced.get_mut(first + usize::from(child)) {
+                *slot = Some((page.record().root.get(), link));
+            }
+        });
+        match said {
+            Some((root, link)) => check_link(&link, root, page.head(), &cx).map_err(|e| structure.fault(e)),
+            None => Ok(()),
+        }
+    }
+
+    /// Passes over the next page, which could not be read; `children` is its number of child pages.
+    pub(crate) fn skip(&mut self, is_root: bool, children: u16) {
+        if !is_root {
+            self.announced.pop_front();
+        }
+        self.announced.resize(self.announced.len() + usize::from(children), None);
+    }
+}

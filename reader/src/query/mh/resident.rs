@@ -1,0 +1,185 @@
+//! All pages of a map in one array: the fast lookup.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation
+)]
+
+use umbrage_format::kind::mh::{Mask, ROOT_GROUP, child_of};
+use umbrage_format::projection::{Lattice, UNCOVERED};
+
+use super::follow::Follow;
+use super::{MhMap, root_mask};
+use crate::ReaderError;
+use crate::query::{Visibility, locate};
+
+/// Levels that the grid spans at most: 256 x 256 cells of 20 bytes.
+const GRID_LEVELS: u8 = 8;
+
+/// A map whose pages are all in memory, checked and linked. Lookups can't fail.
+#[derive(Debug)]
+pub struct ResidentMh {
+    /// The pages one behind the other.
+    words: Vec<u32>,
+    /// For each page its first word and its first child.
+    pages: Vec<(u32, u32)>,
+    /// Walks that have come down to `grid_level` already, row by row.
+    grid: Vec<Walk>,
+    grid_level: u8,
+    log2_resolution: u8,
+    lattice: Lattice,
+}
+
+/// A walk between two groups.
+#[derive(Clone, Copy, Debug)]
+struct Walk {
+    /// Value last seen.
+    value: u32,
+    /// First word of the page.
+    page: u32,
+    /// First child of the page.
+    first_child: u32,
+    /// First word of the next group in the array.
+    group: u32,
+    /// Types of the next group; none where the walk has ended.
+    mask: Mask,
+    /// Level of the next group's nodes.
+    level: u8,
+}
+
+impl ResidentMh {
+    pub(super) fn load(map: &MhMap) -> Result<Self, ReaderError> {
+        let structure = map.structure();
+        let count = structure.page_count();
+        let mut total = 0u64;
+        for ordinal in 0..count {
+            // Block by block, so that each is held against the one before.
+            structure.touch_block(ordinal)?;
+            total += u64::from(structure.page_record(ordinal)?.hot_words.get());
+        }
+        map.allow_words(total)?;
+        let mut words = Vec::with_capacity(usize::try_from(total).unwrap_or(0));
+        let mut pages = Vec::with_capacity(count as usize);
+        let mut follow = Follow::default();
+        for ordinal in 0..count {
+            // Pages that are not kept by the map need not be kept by it now.
+            let page = map.resident(ordinal).cloned().map_or_else(|| structure.page(ordinal), Ok)?;
+            follow.page(structure, &page)?;
+            // Fits: `allow_words` has seen the sum.
+            pages.push((u32::try_from(words.len()).unwrap_or(u32::MAX), page.record().first_child.get()));
+            words.extend_from_slice(page.words());
+        }
+        let record = structure.record();
+        let mut map = Self {
+            words,
+            pages,
+            grid: Vec::new(),
+            grid_level: record.log2_resolution,
+            log2_resolution: record.log2_resolution,
+            lattice: structure.lattice(),
+        };
+        map.build_grid();
+        Ok(map)
+    }
+
+    /// Walks to every cell of the grid once.
+    fn build_grid(&mut self) {
+        let levels = GRID_LEVELS.min(self.log2_resolution);
+        let level = self.log2_resolution - levels;
+        let side = 1u32 << levels;
+        let cells = (0..side).flat_map(|y| (0..side).map(move |x| (x << level, y << level)));
+        self.grid = cells.map(|(x, y)| self.walk(self.start(), x, y, level)).collect();
+        self.grid_level = level;
+    }
+
+    fn start(&self) -> Walk {
+        let mask = root_mask(&self.words);
+        let first_child = self.pages.first().map_or(0, |p| p.1);
+        let level = self.log2_resolution.min(31);
+        Walk { value: UNCOVERED, page: 0, first_child, group: ROOT_GROUP.into(), mask, level }
+    }
+
+    #[inline]
+    fn word(&self, at: u32) -> u32 {
+        self.words.get(at as usize).copied().unwrap_or(0)
+    }
+
+    /// Goes on until `level` has been visited or the walk ends.
+    #[inline]
+    fn walk(&self, mut w: Walk, x: u32, y: u32, level: u8) -> Walk {
+        loop {
+            let c = child_of(x, y, w.level);
+            let kind = u32::from(w.mask.0) >> (2 * c) & 3;
+            if kind == 0 {
+                w.mask = Mask(0);
+                return w;
+            }
+            let at = w.group.wrapping_add(w.mask.words_before(c));
+            let word = self.word(at);
+            if kind == 1 {
+                (w.value, w.mask) = (word, Mask(0));
+                return w;
+            }
+            if kind == 2 {
+                w.value = self.word(at.wrapping_add(1));
+            }
+            // Level 0 ends here in any case; checked pages have no children there.
+            let end = w.level <= level;
+            let [mask, place, low, high] = word.to_le_bytes();
+            let first = u32::from(u16::from_le_bytes([low, high]));
+            if place & 1 == 0 {
+                (w.mask, w.group) = (Mask(mask), w.page.wrapping_add(first));
+            } else {
+                let child = w.first_child.wrapping_add(first) as usize;
+                let (page, first_child) = self.pages.get(child).copied().unwrap_or((u32::MAX, 0));
+                let [_, mask, _, _] = self.word(page).to_le_bytes();
+                (w.page, w.first_child, w.mask) = (page, first_child, Mask(mask));
+                w.group = page.wrapping_add(ROOT_GROUP.into());
+            }
+            w.level = w.level.saturating_sub(1);
+            if end {
+                return w;
+            }
+        }
+    }
+
+    /// Stored depth at texel (x, y) of root 0 and `level`; [`UNCOVERED`] outside the map.
+    #[inline]
+    pub fn value(&self, x: u32, y: u32, level: u8) -> u32 {
+        let log2 = u32::from(self.log2_resolution);
+        if x >> log2 != 0 || y >> log2 != 0 {
+            return UNCOVERED;
+        }
+        if level > self.grid_level {
+            return self.walk(self.start(), x, y, level).value;
+        }
+        let (shift, width) = (u32::from(self.grid_level), u32::from(self.log2_resolution - self.grid_level));
+        let cell = ((y >> shift) << width | x >> shift) as usize;
+        let start = self.grid.get(cell).copied().unwrap_or_else(|| self.start());
+        if level == self.grid_level || start.mask.0 == 0 {
+            return start.value;
+        }
+        self.walk(start, x, y, level).value
+    }
+
+    /// Light or shadow at a world point. Outside the map: lit, and flagged.
+    pub fn visibility(&self, point: [f64; 3], level: u8) -> Visibility {
+        match locate(&self.lattice, point) {
+            Some((x, y, depth)) => Visibility::inside(depth, self.value(x, y, level)),
+            None => Visibility::OUTSIDE,
+        }
+    }
+
+    /// Texels on a side.
+    pub fn resolution(&self) -> u32 {
+        1 << self.log2_resolution.min(31)
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        self.words.len() * 4 + self.pages.len() * 8 + self.grid.len() * size_of::<Walk>()
+    }
+}

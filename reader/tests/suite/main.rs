@@ -1,0 +1,13 @@
+//! Writer and reader against each other and against naive models, in one binary.
+//!
+//! - `tree`: a naive quadtree, its lookup, and the simplest pager; files made of it;
+//! - `round_trip`: what was written is read back and answers as the naive tree does;
+//! - `hostile`: truncations, flipped bits, repaired checksums, hand-made breaches;
+//! - `later`: pages of kinds that come later travel unchanged;
+//! - `target`: what the writer does when the target is no good.
+
+mod hostile;
+mod later;
+mod round_trip;
+mod target;
+mod tree;

@@ -1,0 +1,12 @@
+//! Umbrage: precomputed light in a container, and the way back out.
+//!
+//! The crates under their own names: [`format`] (bytes), [`writer`] (bakes), [`reader`] (opens, checks, answers). Here:
+//! [`render`] (pictures on the CPU) and [`certify`] (the exact oracle that shares no code with the baker's rasteriser).
+#![forbid(unsafe_code)]
+
+pub mod certify;
+pub mod render;
+
+pub use umbrage_format as format;
+pub use umbrage_reader as reader;
+pub use umbrage_writer as writer;

@@ -1,0 +1,37 @@
+//! Pictures and the reference: the snapped mesh seen by a camera, and exact shadow rays.
+//!
+//! A [`Camera`] makes world rays. [`Scene::view`] takes them to the light-space lattice, finds the first triangle
+//! ([`Scene`] over a bounding volume hierarchy) and moves each hit to a lattice point of that triangle: a [`Receiver`]
+//! with an exact [`Depth`]. Whether a receiver is lit comes from a shadow map (`ceil(depth) <= stored`) or from
+//! [`ShadowRays`], the reference, which decides in integers only. [`shade`] and [`difference`] make an [`RgbImage`]
+//! of the answers, [`write_png`] a file.
+//!
+//! | Room | What is in it |
+//! |---|---|
+//! | `camera` | pixels to world rays |
+//! | `bvh` | hierarchy of conservative integer boxes, shared by both kinds of ray |
+//! | `scene` | primary rays, [`View`] |
+//! | `receiver` | hit to lattice point |
+//! | `depth` | exact fractions, depth of a triangle over a lattice point |
+//! | `shadow` | the reference |
+//! | `shade` | colours, differences |
+//! | `image` | pixels in memory, PNG |
+
+mod bvh;
+mod camera;
+mod depth;
+mod image;
+mod receiver;
+mod scene;
+mod shade;
+mod shadow;
+#[cfg(test)]
+mod testing;
+
+pub use camera::{Camera, CameraError, UpAxis};
+pub use depth::Depth;
+pub use image::{ImageError, RgbImage, write_png};
+pub use receiver::{Placement, Receiver};
+pub use scene::{Hit, Scene, Surface, View};
+pub use shade::{Shading, coverage, difference, shade};
+pub use shadow::ShadowRays;

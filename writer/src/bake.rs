@@ -1,0 +1,319 @@
+//! The whole way of the writer: a mesh and lights in, a container file out.
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use umbrage_format::projection::Lattice;
+use umbrage_format::structure::{EVERYWHERE, ORTHOGRAPHIC, STATIC_SURFACES_ONLY};
+use umbrage_format::{FileId, Kind, PageRecord, StructureRecord};
+use xxhash_rust::xxh3::Xxh3;
+
+use crate::container::{ContainerOptions, ContainerWriter, PageInput, WriteError};
+use crate::frame::{self, FrameError};
+use crate::hierarchy::build::{Counts, Options, Progress, Tree, build};
+use crate::hierarchy::page::Page;
+use crate::mesh::Mesh;
+use crate::solid::{self, Components, Policy, SnappedMesh, SolidError};
+
+/// Changes whenever the same input would give other bytes.
+const GENERATOR: u32 = 1;
+
+/// A directional light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Light {
+    /// Name of the structure: 1 to 64 bytes, unique in the file.
+    pub name: String,
+    /// Where the light travels, any length but 0.
+    pub direction: [f64; 3],
+}
+
+/// What to bake.
+#[derive(Clone, Debug)]
+pub struct BakeOptions {
+    /// Lights, at least one.
+    pub lights: Vec<Light>,
+    /// Texels on a side, a power of two from 1 to 2^24.
+    pub resolution: u64,
+    /// How depth intervals come from geometry.
+    pub policy: Policy,
+    /// Ask every texel, also where a whole square is proven.
+    pub exhaustive: bool,
+    /// Most bytes that may be held at once; none: no limit.
+    pub memory_bytes: Option<u64>,
+}
+
+/// Why a bake failed.
+#[derive(Debug, thiserror::Error)]
+pub enum BakeError {
+    /// A light or the resolution.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// The mesh.
+    #[error(transparent)]
+    Solid(#[from] SolidError),
+    /// The file.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// No light, or a name that can't be.
+    #[error("light '{name}': expected a name of 1 to 64 bytes without zero bytes that no other light has; rename it")]
+    Name {
+        /// The name.
+        name: String,
+    },
+    /// The budget can't hold the work.
+    #[error("memory budget of {budget} bytes: {what} needs {needed}; give at least --memory {mib}")]
+    Memory {
+        /// What was given.
+        budget: u64,
+        /// What was about to be held.
+        what: &'static str,
+        /// Bytes that it needs.
+        needed: u64,
+        /// The option that would do so far, MiB.
+        mib: u64,
+    },
+    /// Stopped by the caller.
+    #[error("interrupted; nothing was written")]
+    Cancelled,
+}
+
+/// What became of one light.
+#[derive(Clone, Debug)]
+pub struct LightReport {
+    /// Name of the light.
+    pub name: String,
+    /// Map and counts.
+    pub counts: Counts,
+    /// Leaf, inner and empty nodes.
+    pub nodes: [u64; 3],
+    /// Pages.
+    pub pages: u64,
+    /// Largest distance that snapping moved a vertex, world units.
+    pub displacement: f64,
+    /// What the mesh is made of.
+    pub components: Components,
+}
+
+/// Seconds of each stage, all lights together.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seconds {
+    /// Snapping, welding, components.
+    pub snap: f64,
+    /// Intervals and hierarchy.
+    pub build: f64,
+    /// Writing the file.
+    pub write: f64,
+}
+
+/// What was written.
+#[derive(Clone, Debug)]
+pub struct Baked {
+    /// One report for each light.
+    pub lights: Vec<LightReport>,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Triangles of the scene.
+    pub triangles: u64,
+    /// Where the time went.
+    pub seconds: Seconds,
+    /// Geometry of the last light, snapped.
+    pub last: SnappedMesh,
+}
+
+/// The lattice of a light over a mesh.
+pub fn lattice(mesh: &Mesh, light: &Light, resolution: u64, policy: Policy) -> Result<Lattice, FrameError> {
+    let behind = if let Policy::Thickness(t) = policy { t } else { 0.0 };
+    frame::orthographic(light.direction, frame::log2_resolution(resolution)?, &mesh.positions, behind)
+}
+
+/// Bakes a mesh into a container at `target`: a temporary file beside it, renamed at the end. The same mesh and options
+/// give the same bytes on any number of threads.
+///
+/// # Errors
+/// Whatever is wrong with mesh, lights, resolution, memory or target; the old target stays.
+pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progress) -> Result<Baked, BakeError> {
+    solid::check_mesh(mesh)?;
+    check_names(&options.lights)?;
+    let geometry = check_memory(mesh, options)?;
+    progress.budget.store(options.memory_bytes.map_or(0, |b| (b - geometry).max(1)), Ordering::Relaxed);
+    let file_id = file_id(mesh, options);
+    let mut seconds = Seconds::default();
+    let mut done: Vec<(StructureRecord, Tree, LightReport)> = Vec::new();
+    let mut last = None;
+    for light in &options.lights {
+        let start = Instant::now();
+        let lattice = lattice(mesh, light, options.resolution, options.policy)?;
+        let snapped = solid::snap(mesh, lattice, options.policy)?;
+        seconds.snap += start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        let tree = build(&snapped, Options { exhaustive: options.exhaustive }, progress).ok_or_else(|| {
+            match (options.memory_bytes, progress.cancel.load(Ordering::Relaxed)) {
+                (Some(budget), false) => memory_error(budget, "the geometry with the tree so far", geometry + progress.held()),
+                _ => BakeError::Cancelled,
+            }
+        })?;
+        seconds.build += start.elapsed().as_secs_f64();
+        let nodes = tree.pages.iter().fold([0; 3], |n, p| [0, 1, 2].map(|i| n[i] + p.draft.nodes[i]));
+        let record = structure(mesh, light, options, &snapped, &tree);
+        let report = LightReport {
+            name: light.name.clone(),
+            counts: tree.counts,
+            nodes,
+            pages: tree.pages.len() as u64,
+            displacement: snapped.displacement,
+            components: snapped.components,
+        };
+        done.push((record, tree, report));
+        last = Some(snapped);
+    }
+    let start = Instant::now();
+    let records = done.iter().map(|d| d.0).collect();
+    let mut writer = ContainerWriter::create(target, ContainerOptions::new(file_id), records)?;
+    for (_, tree, _) in &mut done {
+        for (ordinal, page) in std::mem::take(&mut tree.pages).into_iter().enumerate() {
+            if progress.cancel.load(Ordering::Relaxed) {
+                return Err(BakeError::Cancelled);
+            }
+            writer.push(&input(page, ordinal == 0))?;
+        }
+    }
+    let written = writer.finish()?;
+    seconds.write = start.elapsed().as_secs_f64();
+    Ok(Baked {
+        lights: done.into_iter().map(|d| d.2).collect(),
+        bytes: written.bytes,
+        triangles: mesh.triangles.len() as u64,
+        seconds,
+        last: last.ok_or(BakeError::Name { name: String::new() })?,
+    })
+}
+
+fn check_names(lights: &[Light]) -> Result<(), BakeError> {
+    if lights.is_empty() {
+        return Err(BakeError::Name { name: String::new() });
+    }
+    for (i, l) in lights.iter().enumerate() {
+        let fits = StructureRecord::zeroed().set_name(&l.name);
+        if !fits || lights[..i].iter().any(|o| o.name == l.name) {
+            return Err(BakeError::Name { name: l.name.clone() });
+        }
+    }
+    Ok(())
+}
+
+fn memory_error(budget: u64, what: &'static str, needed: u64) -> BakeError {
+    BakeError::Memory { budget, what, needed, mib: needed.div_ceil(1 << 20) + 1 }
+}
+
+/// Bytes that the geometry takes; refuses before the work begins when they outgrow the budget.
+fn check_memory(mesh: &Mesh, options: &BakeOptions) -> Result<u64, BakeError> {
+    // per vertex: world, lattice, weld table; per triangle: two index lists, edges while components are found, surface
+    let needed = mesh.positions.len() as u64 * (24 + 24 + 64) + mesh.triangles.len() as u64 * (24 + 8 + 48 + 64);
+    match options.memory_bytes {
+        Some(budget) if needed > budget => Err(memory_error(budget, "the geometry", needed)),
+        _ => Ok(needed),
+    }
+}
+
+/// Hash of geometry, options, format and generator version.
+fn file_id(mesh: &Mesh, options: &BakeOptions) -> FileId {
+    let mut h = Xxh3::new();
+    let mut number = |v: u64| h.update(&v.to_le_bytes());
+    number(GENERATOR.into());
+    number((u64::from(umbrage_format::header::VERSION_MAJOR) << 16) | u64::from(umbrage_format::header::VERSION_MINOR));
+    number(options.resolution);
+    let (code, parameter) = policy_code(options.policy);
+    number(code.into());
+    number(parameter.to_bits());
+    number(u64::from(options.exhaustive));
+    number(options.lights.len() as u64);
+    for l in &options.lights {
+        number(l.name.len() as u64);
+        l.name.bytes().for_each(|b| number(b.into()));
+        l.direction.iter().for_each(|c| number(c.to_bits()));
+    }
+    number(mesh.positions.len() as u64);
+    number(mesh.triangles.len() as u64);
+    for p in &mesh.positions {
+        p.iter().for_each(|c| number(c.to_bits()));
+    }
+    for t in &mesh.triangles {
+        number(u64::from(t[0]) | u64::from(t[1]) << 32);
+        number(t[2].into());
+    }
+    h.digest128().to_le_bytes()
+}
+
+fn policy_code(policy: Policy) -> (u32, f64) {
+    match policy {
+        Policy::Closed => (1, 0.0),
+        Policy::OneSided => (2, 0.0),
+        Policy::Thickness(t) => (3, t),
+        Policy::SecondSurface => (4, 0.0),
+        Policy::Auto => (5, 0.0),
+    }
+}
+
+/// The policy that a structure was baked with.
+pub fn policy_of(record: &StructureRecord) -> Option<Policy> {
+    match record.policy.get() {
+        1 => Some(Policy::Closed),
+        2 => Some(Policy::OneSided),
+        3 => Some(Policy::Thickness(record.policy_parameter.get())),
+        4 => Some(Policy::SecondSurface),
+        5 => Some(Policy::Auto),
+        _ => None,
+    }
+}
+
+fn structure(
+    mesh: &Mesh,
+    light: &Light,
+    options: &BakeOptions,
+    snapped: &SnappedMesh,
+    tree: &Tree,
+) -> StructureRecord {
+    let mut bound = [0.0f64; 3];
+    for p in &mesh.positions {
+        for i in 0..3 {
+            bound[i] = bound[i].max(p[i].abs());
+        }
+    }
+    let error = frame::transform_error(&snapped.lattice, bound);
+    let (policy, parameter) = policy_code(options.policy);
+    let length = frame::dot(light.direction, light.direction).sqrt();
+    let mut r = StructureRecord::zeroed();
+    r.set_name(&light.name);
+    r.set_lattice(&snapped.lattice);
+    r.kind = (Kind::Mh as u32).into();
+    r.projection = ORTHOGRAPHIC.into();
+    r.light_direction = light.direction.map(|c| (c / length).into());
+    r.snap_displacement = snapped.displacement.into();
+    r.transform_error = error.into();
+    r.depth_guard = (error.ceil().min(4294967295.0) as u32).into();
+    r.policy = policy.into();
+    r.policy_parameter = parameter.into();
+    r.guarantee = if snapped.second_surface { STATIC_SURFACES_ONLY } else { EVERYWHERE }.into();
+    r.edge_texels = tree.counts.edge_texels.into();
+    r.thin_texels = tree.counts.thin_texels.into();
+    r.triangles = (mesh.triangles.len() as u64).into();
+    r.root_count = 1.into();
+    r.page_count = (tree.pages.len() as u32).into();
+    r
+}
+
+fn input(page: Page, root: bool) -> PageInput {
+    let (min, max) = page.depths();
+    let stop = page.stop_error();
+    let d = page.draft;
+    let mut record = PageRecord::zeroed();
+    let side = if root { d.root_level } else { d.root_level + 1 };
+    record.origin_x = d.origin[0].into();
+    record.origin_y = d.origin[1].into();
+    (record.log2_x, record.log2_y) = (side, side);
+    (record.level_finest, record.level_coarsest) = (d.finest, d.root_level);
+    (record.min_depth, record.max_depth) = (min.into(), max.into());
+    record.stop_error = stop.into();
+    PageInput { words: d.words, record, dependencies: Vec::new() }
+}

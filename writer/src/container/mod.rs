@@ -1,0 +1,361 @@
+//! Pages -> container file.
+//!
+//! In: the file's identity, one [`StructureRecord`] for each structure with the number of its pages, then the pages
+//! themselves in ordinal order, structure by structure. Out: a whole file under the target's name, or none.
+//!
+//! - [`ContainerWriter`] (here): the layout of the file and the walk through it; pages go straight to their place, each
+//!   index block as soon as it is full, header and structure records last. Memory: one block, one page, and 16 bytes
+//!   for each page that a parent has announced.
+//! - [`Target`]: the temporary file beside the target, sync, rename.
+//! - [`WriteError`]: what can go wrong, in words for the one who called.
+//!
+//! Every page and every block is checked with the rules of `umbrage_format` before it is written, so that the writer
+//! leaves no file that the reader refuses.
+
+mod block;
+mod error;
+mod target;
+
+use std::collections::VecDeque;
+use std::path::Path;
+
+use umbrage_format::checksum::{content_hash, header_crc, page_crc};
+use umbrage_format::header::{ALIGNMENT_LOG2, DEFAULT_ALIGNMENT_LOG2, MAGIC, VERSION_MAJOR, VERSION_MINOR, align_up};
+use umbrage_format::index::{BlockHeader, IndexContext, MAX_PAGE_WORDS};
+use umbrage_format::kind::mh::{self, Link};
+use umbrage_format::page::{FrameHead, PageContext, check_frame};
+use umbrage_format::section::{INDEX, NO_STRUCTURE, PAGES, REQUIRED, STRUCTURES, check_table};
+use umbrage_format::{FileId, Header, Kind, PageRecord, SectionRecord, StructureRecord};
+use zerocopy::IntoBytes;
+
+pub use error::WriteError;
+pub use target::Target;
+
+use block::BlockBuilder;
+
+/// What holds for the whole file.
+#[derive(Clone, Copy, Debug)]
+pub struct ContainerOptions {
+    /// Hash of sources, options, format and generator version; the same input must give the same id.
+    pub file_id: FileId,
+    /// Pages start at multiples of `1 << alignment_log2` bytes, 2 to 16.
+    pub alignment_log2: u8,
+}
+
+impl ContainerOptions {
+    /// Options with pages on cache lines.
+    pub fn new(file_id: FileId) -> Self {
+        Self { file_id, alignment_log2: DEFAULT_ALIGNMENT_LOG2 }
+    }
+}
+
+/// One finished page.
+#[derive(Clone, Debug)]
+pub struct PageInput {
+    /// The page, frame included, 2 to 16384 words.
+    pub words: Vec<u32>,
+    /// Footprint, levels, depths, stop error, root and page type; the other fields are filled in by the writer.
+    pub record: PageRecord,
+    /// Ordinals of the shared pages that it refers to, at most 256, in the order in which its words number them.
+    pub dependencies: Vec<u32>,
+}
+
+/// What was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Pages of all structures.
+    pub pages: u64,
+}
+
+/// Writes a container: [`create`](Self::create), [`push`](Self::push) for each page, [`finish`](Self::finish).
+/// Dropped before `finish`, it leaves no trace and the old target as it was.
+#[derive(Debug)]
+pub struct ContainerWriter {
+    target: Target,
+    header: Header,
+    sections: Vec<SectionRecord>,
+    structures: Vec<StructureRecord>,
+    /// Structure that the next page belongs to.
+    current: usize,
+    state: StructureState,
+    pages: u64,
+}
+
+/// What is known of the structure being written.
+#[derive(Debug, Default)]
+struct StructureState {
+    /// Next ordinal.
+    ordinal: u32,
+    /// First child of the next page.
+    first_child: u32,
+    /// First free byte behind the last page.
+    end: u64,
+    /// Nodes by type, for kinds that are counted here.
+    nodes: [u64; 3],
+    /// What parents said of the pages to come, in ordinal order.
+    announced: VecDeque<(u16, Link)>,
+    block: BlockBuilder,
+}
+
+impl ContainerWriter {
+    /// Opens a temporary file beside `target` and lays out the file.
+    ///
+    /// Of each structure record the caller fills in everything but `root_page`, `crc32`, and for `mh` the node
+    /// counts; `page_count` and `shared_pages` must be final. 0 in `records_per_block` and `index_block_log2` means
+    /// 63 records in 4096 bytes, which leaves no room for dependencies.
+    ///
+    /// # Errors
+    /// The target can't be written, or a structure breaks a rule of the format.
+    pub fn create(
+        target: &Path,
+        options: ContainerOptions,
+        structures: Vec<StructureRecord>,
+    ) -> Result<Self, WriteError> {
+        let structures = prepare(structures, &options)?;
+        let header = header(&options, structures.len())?;
+        let mut writer = Self {
+            target: Target::create(target)?,
+            header,
+            sections: Vec::new(),
+            structures,
+            current: 0,
+            state: StructureState::default(),
+            pages: 0,
+        };
+        writer.lay_out()?;
+        writer.begin()?;
+        Ok(writer)
+    }
+
+    /// Places the sections whose sizes are known, all but the lengths of the page sections.
+    fn lay_out(&mut self) -> Result<(), WriteError> {
+        let count = self.structures.len();
+        let mut end = (Header::BYTES + (1 + 2 * count) * SectionRecord::BYTES) as u64;
+        let mut section = |kind: u32, structure: u32, length: u64| {
+            let mut s = SectionRecord::zeroed();
+            let offset = align_up(end, SectionRecord::alignment(kind, &self.header));
+            (s.kind, s.flags, s.structure) = (kind.into(), REQUIRED.into(), structure.into());
+            (s.offset, s.length) = (offset.into(), length.into());
+            end = s.end();
+            self.sections.push(s);
+        };
+        section(STRUCTURES, NO_STRUCTURE, (count * StructureRecord::BYTES) as u64);
+        for (i, s) in (0u32..).zip(&self.structures) {
+            section(INDEX, i, u64::from(s.block_count()) * s.block_bytes());
+        }
+        // The first page section follows; the others are placed when the one before is full.
+        let end = align_up(end, SectionRecord::alignment(PAGES, &self.header));
+        self.state.end = end;
+        self.target.pad_to(end)
+    }
+
+    /// Starts the pages of the current structure.
+    fn begin(&mut self) -> Result<(), WriteError> {
+        let start = align_up(self.state.end, SectionRecord::alignment(PAGES, &self.header));
+        self.target.pad_to(start)?;
+        let mut s = SectionRecord::zeroed();
+        (s.kind, s.flags, s.structure) = (PAGES.into(), REQUIRED.into(), number(self.current).into());
+        s.offset = start.into();
+        self.sections.push(s);
+        self.state = StructureState {
+            first_child: self.structures[self.current].root_count.get(),
+            end: start,
+            block: BlockBuilder::new(&self.structures[self.current]),
+            ..StructureState::default()
+        };
+        Ok(())
+    }
+
+    /// Adds the next page of the current structure; behind the last page of one structure follows the first of the
+    /// next.
+    ///
+    /// # Errors
+    /// The page breaks a rule, there are more pages than announced, or the file can't be written.
+    pub fn push(&mut self, page: &PageInput) -> Result<(), WriteError> {
+        if self.current == self.structures.len() {
+            return Err(WriteError::TooManyPages { pages: self.pages });
+        }
+        let (number, structure) = (number(self.current), self.structures[self.current]);
+        let ordinal = self.state.ordinal;
+        let head = FrameHead::decode(&page.words).filter(|_| page.words.len() <= usize::from(MAX_PAGE_WORDS)).ok_or(
+            WriteError::PageLength { structure: number, ordinal, words: page.words.len(), most: MAX_PAGE_WORDS },
+        )?;
+        let bytes: Vec<u8> = page.words.iter().flat_map(|w| w.to_le_bytes()).collect();
+        let mut record = page.record;
+        let start = align_up(self.state.end, self.header.alignment());
+        record.offset = start.into();
+        record.content_hash = content_hash(&bytes).into();
+        record.crc32 = page_crc(&self.header.file_id, number, ordinal, &bytes).into();
+        record.first_child = if ordinal < structure.tree_pages() { self.state.first_child } else { 0 }.into();
+        record.child_count = head.child_refs.into();
+        // At most MAX_PAGE_WORDS, checked above.
+        record.hot_words = (page.words.len() as u16).into();
+        record.cold_words = 0.into();
+        self.check(page, &head, &record)?;
+        if !self.state.block.push(&mut record, &page.dependencies) {
+            let room = self.state.block.dependency_room();
+            return Err(WriteError::Dependencies { structure: number, ordinal, count: page.dependencies.len(), room });
+        }
+        if ordinal == 0 {
+            self.structures[self.current].root_page = record;
+        }
+        self.target.pad_to(start)?;
+        self.target.append(&bytes)?;
+        self.state.end = record.end();
+        self.state.first_child = self.state.first_child.saturating_add(head.child_refs.into());
+        self.state.ordinal += 1;
+        self.pages += 1;
+        let last = self.state.ordinal == structure.page_count.get();
+        if last || self.state.block.is_full() {
+            self.write_block()?;
+        }
+        if last {
+            self.end_structure()?;
+        }
+        Ok(())
+    }
+
+    /// Checks frame and nodes of a page and that it is what its parent announced; notes what it announces itself.
+    fn check(&mut self, page: &PageInput, head: &FrameHead, record: &PageRecord) -> Result<(), WriteError> {
+        let cx = PageContext {
+            structure: number(self.current),
+            ordinal: self.state.ordinal,
+            page: record,
+            record: &self.structures[self.current],
+        };
+        check_frame(&page.words, &cx)?;
+        if cx.record.kind() != Some(Kind::Mh) {
+            return Ok(());
+        }
+        let counts = mh::check(&page.words, head, &cx)?;
+        for (sum, n) in self.state.nodes.iter_mut().zip([counts.leaves, counts.inner, counts.empty]) {
+            *sum += u64::from(n);
+        }
+        if !cx.is_root()
+            && let Some((root, link)) = self.state.announced.pop_front()
+        {
+            mh::check_link(&link, root, head, &cx)?;
+        }
+        let mut links = vec![None; usize::from(head.child_refs)];
+        mh::links(&page.words, head, &cx, |child, link| links[usize::from(child)] = Some(link));
+        let root = record.root.get();
+        self.state.announced.extend(links.into_iter().flatten().map(|link| (root, link)));
+        Ok(())
+    }
+
+    /// Checks the block that is being filled and writes it to its place.
+    fn write_block(&mut self) -> Result<(), WriteError> {
+        let structure = number(self.current);
+        let (index, pages) = (self.sections[1 + self.current], self.sections[self.sections.len() - 1]);
+        let cx = IndexContext {
+            file_id: &self.header.file_id,
+            alignment: self.header.alignment(),
+            structure,
+            record: &self.structures[self.current],
+            index_offset: index.offset.get(),
+            pages_offset: pages.offset.get(),
+            // Behind the last page this is the end of the section; before, a bound that the pages so far meet.
+            pages_end: self.state.end,
+        };
+        let (number, bytes) = self.state.block.take(&cx)?;
+        let at = index.offset.get() + u64::from(number) * cx.record.block_bytes();
+        self.target.write_at(at, &bytes)
+    }
+
+    /// Closes the page section of the current structure and starts the next.
+    fn end_structure(&mut self) -> Result<(), WriteError> {
+        if let Some(s) = self.sections.last_mut() {
+            s.length = (self.state.end - s.offset.get()).into();
+        }
+        let record = &mut self.structures[self.current];
+        if record.kind() == Some(Kind::Mh) {
+            let [leaves, inner, empty] = self.state.nodes;
+            (record.leaf_nodes, record.inner_nodes, record.empty_nodes) = (leaves.into(), inner.into(), empty.into());
+        }
+        record.crc32 = record.computed_crc(&self.header.file_id, number(self.current)).into();
+        self.current += 1;
+        if self.current < self.structures.len() { self.begin() } else { Ok(()) }
+    }
+
+    /// Adds pages from an iterator; see [`push`](Self::push). Pages that are read from a spool file bring its errors.
+    ///
+    /// # Errors
+    /// Of the iterator or of `push`.
+    pub fn push_all<I>(&mut self, pages: I) -> Result<(), WriteError>
+    where
+        I: IntoIterator<Item = Result<PageInput, WriteError>>,
+    {
+        pages.into_iter().try_for_each(|page| self.push(&page?))
+    }
+
+    /// Writes structure records, section table and header, syncs and renames the file to its name.
+    ///
+    /// # Errors
+    /// Pages are missing, or the file can't be written; the old target then stays.
+    pub fn finish(mut self) -> Result<Written, WriteError> {
+        if let Some(s) = self.structures.get(self.current) {
+            let name = s.name().unwrap_or_default().to_string();
+            return Err(WriteError::MissingPages { name, expected: s.page_count.get(), found: self.state.ordinal });
+        }
+        self.header.total_bytes = self.state.end.into();
+        self.header.crc32 = header_crc(&self.header, self.sections.as_bytes()).into();
+        check_table(&self.header, &self.sections)?;
+        let at = self.sections[0].offset.get();
+        for (i, s) in (0u32..).zip(&self.structures) {
+            s.check(&self.header.file_id, i, at + u64::from(i) * StructureRecord::BYTES as u64)?;
+        }
+        self.target.write_at(at, self.structures.as_bytes())?;
+        self.target.write_at(Header::BYTES as u64, self.sections.as_bytes())?;
+        self.target.write_at(0, self.header.as_bytes())?;
+        self.target.commit()?;
+        Ok(Written { bytes: self.header.total_bytes.get(), pages: self.pages })
+    }
+}
+
+/// Number of a structure; `prepare` keeps the count within u32.
+fn number(index: usize) -> u32 {
+    index as u32
+}
+
+fn header(options: &ContainerOptions, structures: usize) -> Result<Header, WriteError> {
+    if !ALIGNMENT_LOG2.contains(&options.alignment_log2) {
+        return Err(WriteError::Alignment { found: options.alignment_log2 });
+    }
+    let mut h = Header::zeroed();
+    h.magic = MAGIC;
+    (h.version_major, h.version_minor) = (VERSION_MAJOR.into(), VERSION_MINOR.into());
+    h.header_bytes = (Header::BYTES as u32).into();
+    h.file_id = options.file_id;
+    h.alignment_log2 = options.alignment_log2;
+    h.section_count = (1 + 2 * number(structures)).into();
+    h.structure_count = number(structures).into();
+    Ok(h)
+}
+
+/// Fills in defaults and checks what can be checked before the first page.
+fn prepare(
+    mut structures: Vec<StructureRecord>,
+    options: &ContainerOptions,
+) -> Result<Vec<StructureRecord>, WriteError> {
+    // Two sections each, counted in u32.
+    if structures.is_empty() || structures.len() > (u32::MAX / 4) as usize {
+        return Err(WriteError::StructureCount { found: structures.len() });
+    }
+    let mut names = std::collections::HashSet::new();
+    for (i, s) in structures.iter_mut().enumerate() {
+        if s.index_block_log2 == 0 && s.records_per_block.get() == 0 {
+            s.index_block_log2 = 12;
+            s.records_per_block = (((4096 - BlockHeader::BYTES) / PageRecord::BYTES) as u16).into();
+        }
+        let name = s.name().unwrap_or_default().to_string();
+        s.root_page = PageRecord::zeroed();
+        s.crc32 = s.computed_crc(&options.file_id, number(i)).into();
+        s.check(&options.file_id, number(i), 0)?;
+        if !names.insert(name.clone()) {
+            return Err(WriteError::NameTwice { name });
+        }
+    }
+    Ok(structures)
+}

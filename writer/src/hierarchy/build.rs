@@ -1,0 +1,255 @@
+//! Runs over the map: recursion with shrinking lists of surfaces, proofs for whole squares, exact texels at the end.
+//!
+//! A square that one proven interval answers is never looked into: its texels would merge to the same interval or a
+//! wider one. With [`Options::exhaustive`] every covered texel is asked, which is the baseline that tests hold the
+//! early end against.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use crate::interval::proof::Prover;
+use crate::interval::ray::Rays;
+use crate::interval::texel::{Effort, Scratch, texel};
+use crate::interval::triangle::{Cover, Local, Surface, surfaces};
+use crate::interval::Interval;
+use crate::solid::SnappedMesh;
+
+use super::mh::{self, Node};
+use super::page::{At, Forest, Page};
+
+/// Level of the squares that one thread works through alone.
+const TILE_LEVEL: u8 = 8;
+/// Longest list of surfaces for which a proof is tried above a single texel.
+const PROOF_LIST: usize = 48;
+
+/// How to build.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Ask every texel, also where a whole square is proven.
+    pub exhaustive: bool,
+}
+
+/// What happened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Texels that no interval is right for everywhere.
+    pub edge_texels: u64,
+    /// Of those, texels whose centre's stretch holds no lattice depth.
+    pub thin_texels: u64,
+    /// Texels that were looked at one by one.
+    pub texels_evaluated: u64,
+    /// How.
+    pub effort: Effort,
+}
+
+impl Counts {
+    fn add(&mut self, o: &Counts) {
+        self.edge_texels += o.edge_texels;
+        self.thin_texels += o.thin_texels;
+        self.texels_evaluated += o.texels_evaluated;
+        self.effort.add(&o.effort);
+    }
+}
+
+/// Seen from other threads while building: how far it is, and whether to stop.
+#[derive(Default)]
+pub struct Progress {
+    /// Texels done, of `resolution^2`.
+    pub texels: AtomicU64,
+    /// Set to end early.
+    pub cancel: AtomicBool,
+    /// Most bytes that groups and pages may take; 0: no limit.
+    pub budget: AtomicU64,
+    held: AtomicU64,
+}
+
+impl Progress {
+    /// Bytes that groups and pages of finished parts take.
+    pub fn held(&self) -> u64 {
+        self.held.load(Ordering::Relaxed)
+    }
+
+    fn hold(&self, forest: &Forest) {
+        self.held.fetch_add(forest.bytes(), Ordering::Relaxed);
+    }
+
+    fn over_budget(&self) -> bool {
+        let budget = self.budget.load(Ordering::Relaxed);
+        budget != 0 && self.held() > budget
+    }
+}
+
+/// A finished tree.
+pub struct Tree {
+    /// Its pages in order.
+    pub pages: Vec<Page>,
+    /// What happened.
+    pub counts: Counts,
+}
+
+struct Context<'a> {
+    surfaces: &'a [Surface],
+    subtexel_bits: u8,
+    resolution_log2: u8,
+    second_surface: bool,
+    exhaustive: bool,
+    progress: &'a Progress,
+}
+
+struct Part {
+    forest: Forest,
+    node: Node,
+    counts: Counts,
+}
+
+/// Builds the `mh` tree of a mesh; nothing when cancelled or over the budget. The answer does not depend on the number of threads.
+pub fn build(mesh: &SnappedMesh, options: Options, progress: &Progress) -> Option<Tree> {
+    let surfaces = surfaces(mesh);
+    let cx = Context {
+        surfaces: &surfaces,
+        subtexel_bits: mesh.lattice.subtexel_bits,
+        resolution_log2: mesh.lattice.log2_resolution,
+        second_surface: mesh.second_surface,
+        exhaustive: options.exhaustive,
+        progress,
+    };
+    let all: Vec<u32> = (0..surfaces.len() as u32).collect();
+    let at = At { level: cx.resolution_log2, origin: [0, 0] };
+    let part = cx.part(at, &all)?;
+    let pages = part.forest.finish(part.node, cx.resolution_log2);
+    Some(Tree { pages, counts: part.counts })
+}
+
+impl Context<'_> {
+    fn cancelled(&self) -> bool {
+        self.progress.cancel.load(Ordering::Relaxed) || self.progress.over_budget()
+    }
+
+    fn done(&self, level: u8) {
+        self.progress.texels.fetch_add(1 << (2 * level), Ordering::Relaxed);
+    }
+
+    /// The square of the node at `at`, its four quarters in parallel.
+    fn part(&self, at: At, list: &[u32]) -> Option<Part> {
+        if self.cancelled() {
+            return None;
+        }
+        if list.is_empty() {
+            self.done(at.level);
+            let node = Node::uniform(Interval::UNCOVERED);
+            return Some(Part { forest: Forest::default(), node, counts: Counts::default() });
+        }
+        if at.level <= TILE_LEVEL {
+            let part = self.tile(at, list);
+            self.progress.hold(&part.forest);
+            self.done(at.level);
+            return Some(part);
+        }
+        let quarter = |c: usize| {
+            let child = at.child(c);
+            let [x, y] = child.origin.map(|o| i64::from(o) << self.subtexel_bits);
+            let size = 1i64 << (child.level + self.subtexel_bits);
+            let near: Vec<u32> =
+                list.iter().copied().filter(|i| self.surfaces[*i as usize].overlaps(x, y, size)).collect();
+            self.part(child, &near)
+        };
+        let ((a, b), (c, d)) = rayon::join(
+            || rayon::join(|| quarter(0), || quarter(1)),
+            || rayon::join(|| quarter(2), || quarter(3)),
+        );
+        let mut forest = Forest::default();
+        let mut counts = Counts::default();
+        let mut take = |p: Part| {
+            counts.add(&p.counts);
+            forest.absorb(p.forest, p.node)
+        };
+        let mut children = [take(a?), take(b?), take(c?), take(d?)];
+        let node = self.merge(at, &mut children, &mut forest);
+        Some(Part { forest, node, counts })
+    }
+
+    /// Merges and cuts, except near the root, where the complete coarse levels stay together.
+    fn merge(&self, at: At, children: &mut [Node; 4], forest: &mut Forest) -> Node {
+        let mut node = mh::merge(*children, at.level - 1, &mut forest.groups);
+        let depth = self.resolution_log2 - at.level;
+        if depth + 1 >= super::page::COARSE_DEPTH {
+            forest.cut(&mut node, at, children);
+        }
+        node
+    }
+
+    fn tile(&self, at: At, list: &[u32]) -> Part {
+        let corner = at.origin.map(|o| i64::from(o) << self.subtexel_bits);
+        let size = 1i64 << (at.level + self.subtexel_bits);
+        let locals: Vec<Local> =
+            list.iter().map(|i| self.surfaces[*i as usize].local(*i, corner[0], corner[1], size)).collect();
+        let rays =
+            Rays { surfaces: self.surfaces, locals: &locals, corner, second_surface: self.second_surface };
+        let mut tile = Tile {
+            cx: self,
+            rays,
+            forest: Forest::default(),
+            stack: (0..locals.len() as u32).collect(),
+            scratch: Scratch::default(),
+            prover: Prover::default(),
+            counts: Counts::default(),
+        };
+        let node = tile.square(at, 0);
+        let node = tile.forest.compact(node);
+        let mut counts = tile.counts;
+        counts.effort = tile.scratch.effort;
+        Part { forest: tile.forest, node, counts }
+    }
+}
+
+struct Tile<'a> {
+    cx: &'a Context<'a>,
+    rays: Rays<'a>,
+    forest: Forest,
+    /// Lists of the squares on the way down, one behind the other.
+    stack: Vec<u32>,
+    scratch: Scratch,
+    prover: Prover,
+    counts: Counts,
+}
+
+impl Tile<'_> {
+    /// The square of the node at `at`, whose surfaces stand in the stack from `start`.
+    fn square(&mut self, at: At, start: usize) -> Node {
+        let bits = self.cx.subtexel_bits;
+        let corner = self.rays.corner;
+        let p = [0, 1].map(|i| (i64::from(at.origin[i]) << bits) - corner[i]);
+        let size = 1i64 << (at.level + bits);
+        let list = &self.stack[start..];
+        if list.is_empty() {
+            return Node::uniform(Interval::UNCOVERED);
+        }
+        if at.level == 0 {
+            self.counts.texels_evaluated += 1;
+            let truth = texel(&self.rays, list, p, size, &mut self.scratch);
+            self.counts.edge_texels += u64::from(!truth.certified);
+            self.counts.thin_texels += u64::from(truth.thin);
+            return Node::uniform(truth.interval);
+        }
+        if !self.cx.exhaustive && list.len() <= PROOF_LIST {
+            let proven = self.prover.prove(self.rays.locals, list, p, size, self.cx.second_surface, false);
+            if let Some(interval) = proven {
+                return Node::uniform(interval);
+            }
+        }
+        let end = self.stack.len();
+        let mut children = [Node::uniform(Interval::UNCOVERED); 4];
+        for (c, node) in children.iter_mut().enumerate() {
+            let child = at.child(c);
+            let q = [0, 1].map(|i| (i64::from(child.origin[i]) << bits) - corner[i]);
+            for k in start..end {
+                let i = self.stack[k];
+                if self.rays.locals[i as usize].cover(q[0], q[1], size / 2) != Cover::None {
+                    self.stack.push(i);
+                }
+            }
+            *node = self.square(child, end);
+            self.stack.truncate(end);
+        }
+        self.cx.merge(at, &mut children, &mut self.forest)
+    }
+}

@@ -1,0 +1,57 @@
+//! Depth intervals: what may be stored for a texel so that every receiver gets the right answer.
+//!
+//! Read in this order: [`triangle`] (a surface as the light sees it), [`ray`] (the interval on one ray),
+//! [`proof`] (one interval for a whole square, proven in a few comparisons, or nothing), [`texel`] (the exact
+//! answer for one texel: proof, then refutation by sample rays, then smaller squares, then [`cell`], the exact
+//! arrangement in big integers).
+//!
+//! Depths are compared through their ceilings: a receiver at real depth d is lit iff ceil(d) <= v, so `v` is right on
+//! a ray iff ceil(lo) <= v < ceil(hi) (CONVENTIONS, Depth is an integer). Solids are united: a ray is inside while
+//! any solid's counter is above 0, and at equal depth entries count before exits.
+
+pub mod cell;
+pub mod proof;
+pub mod ray;
+pub mod texel;
+pub mod triangle;
+
+use umbrage_format::projection::UNCOVERED;
+
+/// What a ray does at a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Event {
+    /// It enters the solid.
+    Enter,
+    /// It leaves the solid.
+    Leave,
+}
+
+/// A closed range of lattice depths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Interval {
+    /// Smallest right value.
+    pub min: u32,
+    /// Largest right value.
+    pub max: u32,
+}
+
+impl Interval {
+    /// What an uncovered texel must store.
+    pub const UNCOVERED: Interval = Interval { min: UNCOVERED, max: UNCOVERED };
+
+    /// The common part, if there is one.
+    #[inline]
+    pub fn intersect(self, other: Interval) -> Option<Interval> {
+        let (min, max) = (self.min.max(other.min), self.max.min(other.max));
+        (min <= max).then_some(Interval { min, max })
+    }
+
+    /// The value that is stored: as far as possible from both ends.
+    #[inline]
+    pub fn middle(self) -> u32 {
+        self.min + (self.max - self.min) / 2
+    }
+}
+
+/// Largest depth that a scene's surfaces may answer.
+pub(crate) const DEEPEST: i64 = UNCOVERED as i64 - 1;

@@ -1,0 +1,129 @@
+//! The interval on one light ray.
+
+use std::cmp::Ordering;
+
+use super::triangle::{Local, Surface};
+use super::{DEEPEST, Event, Interval};
+
+/// A ray's first surface and the end of the stretch behind it, as ceilings of their exact depths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stretch {
+    /// The ray meets nothing.
+    Uncovered,
+    /// ceil(lo) and ceil(hi); hi may be past every depth (`i64::MAX`) under second-surface.
+    Covered {
+        /// ceil(lo)
+        lo: i64,
+        /// ceil(hi)
+        hi: i64,
+    },
+}
+
+impl Stretch {
+    /// The ray's interval and whether it is thin (CONVENTIONS: if X < E then X := E).
+    pub fn interval(self) -> (Interval, bool) {
+        match self {
+            Stretch::Uncovered => (Interval::UNCOVERED, false),
+            Stretch::Covered { lo, hi } => {
+                let thin = hi - 1 < lo;
+                let max = if thin { lo } else { (hi - 1).min(DEEPEST) };
+                (Interval { min: lo.clamp(0, DEEPEST) as u32, max: max.clamp(0, DEEPEST) as u32 }, thin)
+            }
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Hit {
+    z: f64,
+    eps: f64,
+    at: u32,
+    event: Event,
+    solid: u32,
+}
+
+/// Buffers that rays reuse.
+#[derive(Default)]
+pub struct RayScratch {
+    hits: Vec<Hit>,
+    inside: Vec<(u32, i32)>,
+}
+
+/// A ray's own view of the surfaces of its square.
+pub struct Rays<'a> {
+    /// All surfaces, for exact depths.
+    pub surfaces: &'a [Surface],
+    /// The tile's surfaces.
+    pub locals: &'a [Local],
+    /// The tile's corner in the lattice.
+    pub corner: [i64; 2],
+    /// hi is the second surface.
+    pub second_surface: bool,
+}
+
+impl Rays<'_> {
+    /// The stretch on the ray at the tile-relative lattice point, taken as the limit from (dx eps, dy eps^2).
+    pub fn stretch(&self, list: &[u32], p: [i64; 2], d: [i64; 2], scratch: &mut RayScratch) -> Stretch {
+        let hits = &mut scratch.hits;
+        hits.clear();
+        for &i in list {
+            let l = &self.locals[i as usize];
+            if l.covers(p[0], p[1], d[0], d[1]) {
+                let z = l.approximate(p[0], p[1]);
+                hits.push(Hit { z, eps: l.eps, at: l.index, event: l.event, solid: l.solid });
+            }
+        }
+        if hits.is_empty() {
+            return Stretch::Uncovered;
+        }
+        let exact = |h: &Hit| self.surfaces[h.at as usize].depth(self.corner[0] + p[0], self.corner[1] + p[1]);
+        let depth_order = |a: &Hit, b: &Hit| {
+            if a.z + a.eps < b.z - b.eps {
+                Ordering::Less
+            } else if a.z - a.eps > b.z + b.eps {
+                Ordering::Greater
+            } else {
+                exact(a).order(&exact(b))
+            }
+        };
+        hits.sort_by(|a, b| depth_order(a, b).then(a.event.cmp(&b.event)));
+        let ceil = |h: &Hit| {
+            let (low, high) = ((h.z - h.eps).ceil(), (h.z + h.eps).ceil());
+            if low == high { low as i64 } else { exact(h).ceil() }
+        };
+        let lo = ceil(&hits[0]);
+        if self.second_surface {
+            return Stretch::Covered { lo, hi: hits.get(1).map_or(i64::MAX, ceil) };
+        }
+        let inside = &mut scratch.inside;
+        inside.clear();
+        let mut solids_inside = 0;
+        let mut i = 0;
+        while i < hits.len() {
+            // all events at this depth; entries come first by the order above
+            let mut j = i;
+            while j < hits.len() && (j == i || depth_order(&hits[i], &hits[j]) == Ordering::Equal) {
+                let h = &hits[j];
+                let step = if h.event == Event::Enter { 1 } else { -1 };
+                let w = match inside.iter_mut().find(|(s, _)| *s == h.solid) {
+                    Some((_, w)) => w,
+                    None => {
+                        inside.push((h.solid, 0));
+                        let last = inside.len() - 1;
+                        &mut inside[last].1
+                    }
+                };
+                let before = *w > 0;
+                *w += step;
+                solids_inside += i32::from(*w > 0) - i32::from(before);
+                j += 1;
+            }
+            if solids_inside == 0 {
+                return Stretch::Covered { lo, hi: ceil(&hits[i]) };
+            }
+            i = j;
+        }
+        // never left: only a solid whose far side was cut away by the depth clamp
+        Stretch::Covered { lo, hi: i64::MAX }
+    }
+}
