@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
+use umbrage_format::page::FrameHead;
 use umbrage_format::projection::Lattice;
 use umbrage_format::structure::{EVERYWHERE, ORTHOGRAPHIC, STATIC_SURFACES_ONLY};
 use umbrage_format::{FileId, Kind, PageRecord, StructureRecord};
@@ -306,7 +307,15 @@ fn structure(
 fn input(page: Page, root: bool) -> PageInput {
     let (min, max) = page.depths();
     let stop = page.stop_error();
-    let d = page.draft;
+    let mut d = page.draft;
+    let head = FrameHead {
+        tag: Kind::Mh.tag(),
+        root_mask: d.root_mask.0,
+        child_refs: d.refs.len() as u16,
+        words: d.words.len() as u16,
+        root_level: d.root_level,
+    };
+    d.words[..2].copy_from_slice(&head.encode());
     let mut record = PageRecord::zeroed();
     let side = if root { d.root_level } else { d.root_level + 1 };
     record.origin_x = d.origin[0].into();

@@ -1,0 +1,54 @@
+//! What can go wrong in the runtime.
+
+use umbrage_format::Kind;
+use umbrage_reader::ReaderError;
+
+use crate::residency::BudgetError;
+
+/// Why a streamer could not be made or a view not be answered.
+#[derive(Debug, Clone, thiserror::Error)]
+#[non_exhaustive]
+pub enum RuntimeError {
+    /// A page or the index could not be read.
+    #[error(transparent)]
+    Reader(#[from] ReaderError),
+    /// The budget is too small for the structure.
+    #[error(transparent)]
+    Budget(#[from] BudgetError),
+    /// No Vulkan adapter.
+    #[error(
+        "no Vulkan adapter was found ({reason}); install a driver, or the software one: \
+         apt-get install -y --no-install-recommends mesa-vulkan-drivers libvulkan1"
+    )]
+    NoAdapter {
+        /// What the loader said.
+        reason: String,
+    },
+    /// The adapter gave no device.
+    #[error("adapter '{adapter}' gave no device: {reason}")]
+    NoDevice {
+        /// Name of the adapter.
+        adapter: String,
+        /// What it said.
+        reason: String,
+    },
+    /// A buffer is larger than the device binds.
+    #[error("{what} needs {needed} bytes and the device binds at most {most}; ask it for a larger limit")]
+    Binding {
+        /// Which buffer.
+        what: &'static str,
+        /// Its bytes.
+        needed: u64,
+        /// `max_storage_buffer_binding_size` or `max_buffer_size`.
+        most: u64,
+    },
+    /// The device was lost, or an operation on it failed.
+    #[error("device: {reason}")]
+    Device {
+        /// What it said.
+        reason: String,
+    },
+    /// Queries of this kind have no kernel.
+    #[error("kind {} has no kernel in this version; its pages can be streamed", .0.name())]
+    UnsupportedKind(Kind),
+}

@@ -1,0 +1,146 @@
+//! `umbrage bake`: scene and lights in, container out.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use serde_json::{Value, json};
+use umbrage::writer::bake::{BakeOptions, Baked, Light, bake};
+use umbrage::writer::solid::Policy;
+
+use super::output::{self, line};
+use super::{Failure, TARGET, Watched, load_scene, parse_numbers, parse_policy};
+
+/// Arguments of `bake`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// city:SEED[:SIZE], forest:SEED[:SIZE], scan:SEED[:SIZE], or a mesh file
+    scene: String,
+    /// The container to write
+    #[arg(short, long, value_name = "FILE.umb")]
+    output: PathBuf,
+    /// A light that travels along X,Y,Z; repeat for several
+    #[arg(long, required = true, value_name = "NAME=dir:X,Y,Z", value_parser = parse_light, allow_hyphen_values = true)]
+    light: Vec<Light>,
+    /// Texels on a side, a power of two up to 16777216
+    #[arg(long, default_value_t = 16384)]
+    resolution: u64,
+    /// How texels are encoded
+    #[arg(long, default_value = "mh", value_parser = ["mh"])]
+    kind: String,
+    /// How depth intervals come from geometry: closed, one-sided, thickness:T, second-surface or auto
+    #[arg(long, default_value = "auto", value_parser = parse_policy)]
+    policy: Policy,
+    /// exhaustive looks at every texel, for comparison
+    #[arg(long, default_value = "proofs", value_parser = ["proofs", "exhaustive"])]
+    builder: String,
+    /// Most memory to hold, MiB
+    #[arg(long, value_name = "MIB")]
+    memory: Option<u64>,
+    /// Threads; as many as there are cores without it
+    #[arg(long)]
+    threads: Option<usize>,
+    /// One JSON object on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+/// `NAME=dir:X,Y,Z`
+fn parse_light(s: &str) -> Result<Light, String> {
+    let parts = s.split_once('=').and_then(|(name, rest)| Some((name, rest.strip_prefix("dir:")?)));
+    let (name, direction) = parts.ok_or_else(|| format!("expected NAME=dir:X,Y,Z, found '{s}'"))?;
+    let direction = parse_numbers::<3>(direction)?;
+    if direction == [0.0; 3] {
+        return Err("the direction is 0; give the way the light travels, for example sun=dir:0.4,-0.8,0.3".to_string());
+    }
+    Ok(Light { name: name.to_string(), direction })
+}
+
+/// A pool of so many threads.
+pub fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool, Failure> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(0))
+        .build()
+        .map_err(|e| Failure::new(TARGET, format!("threads: {e}; ask for fewer with --threads")))
+}
+
+/// Runs the command.
+pub fn run(args: Args) -> Result<(), Failure> {
+    let start = Instant::now();
+    let mesh = load_scene(&args.scene)?;
+    let load = start.elapsed().as_secs_f64();
+    let options = BakeOptions {
+        lights: args.light,
+        resolution: args.resolution,
+        policy: args.policy,
+        exhaustive: args.builder == "exhaustive",
+        memory_bytes: args.memory.map(|m| m.saturating_mul(1 << 20)),
+    };
+    let texels = options.resolution.saturating_mul(options.resolution).saturating_mul(options.lights.len() as u64);
+    let watched = Watched::start(texels);
+    let baked = pool(args.threads)?.install(|| bake(&mesh, &options, &args.output, &watched.progress))?;
+    drop(watched);
+    let total = start.elapsed().as_secs_f64();
+    if args.json {
+        return line(&report(&baked, &options, load, total).to_string());
+    }
+    for l in &baked.lights {
+        let (all, c) = ((options.resolution as f64).powi(2), &l.counts);
+        line(&format!(
+            "light {}: {} nodes in {} pages, {:.3} % edge texels, {} thin texels, vertices moved by at most {:.2e}",
+            l.name,
+            l.nodes.iter().sum::<u64>(),
+            l.pages,
+            c.edge_texels as f64 / all * 100.0,
+            c.thin_texels,
+            l.displacement
+        ))?;
+        let k = &l.components;
+        line(&format!(
+            "  components: {} closed ({} turned inside out, {} cavities), {} open with {} boundary edges",
+            k.closed, k.flipped, k.cavities, k.open, k.boundary_edges
+        ))?;
+    }
+    line(&format!(
+        "{} in {total:.1} s (load {load:.1}, snap {:.1}, build {:.1}, write {:.1}), peak memory {}",
+        output::bytes(baked.bytes),
+        baked.seconds.snap,
+        baked.seconds.build,
+        baked.seconds.write,
+        output::bytes(output::peak_memory())
+    ))?;
+    line(&args.output.display().to_string())
+}
+
+/// The figures of a bake; sums over all lights.
+pub fn report(baked: &Baked, options: &BakeOptions, load: f64, total: f64) -> Value {
+    let sum = |f: &dyn Fn(&umbrage::writer::bake::LightReport) -> u64| baked.lights.iter().map(f).sum::<u64>();
+    let s = &baked.seconds;
+    json!({
+        "resolution": options.resolution,
+        "triangles": baked.triangles,
+        "nodes": sum(&|l| l.nodes.iter().sum()),
+        "pages": sum(&|l| l.pages),
+        "bytes": baked.bytes,
+        "edge_texels": sum(&|l| l.counts.edge_texels),
+        "thin_texels": sum(&|l| l.counts.thin_texels),
+        "texels_evaluated": sum(&|l| l.counts.texels_evaluated),
+        "peak_memory_bytes": output::peak_memory(),
+        "seconds": {"load": load, "snap": s.snap, "build": s.build, "write": s.write, "total": total},
+        "lights": baked.lights.iter().map(|l| json!({
+            "name": l.name,
+            "leaf_nodes": l.nodes[0], "inner_nodes": l.nodes[1], "empty_nodes": l.nodes[2],
+            "edge_texels": l.counts.edge_texels,
+            "thin_texels": l.counts.thin_texels,
+            "displacement": l.displacement,
+            "components": {
+                "closed": l.components.closed, "open": l.components.open,
+                "boundary_edges": l.components.boundary_edges, "flipped": l.components.flipped,
+                "cavities": l.components.cavities, "collapsed_triangles": l.components.collapsed,
+            },
+            "texels": {
+                "proven": l.counts.effort.proven, "refuted": l.counts.effort.refuted,
+                "divided": l.counts.effort.divided, "exact_squares": l.counts.effort.exact,
+            },
+        })).collect::<Vec<_>>(),
+    })
+}

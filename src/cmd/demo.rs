@@ -1,0 +1,143 @@
+//! `umbrage demo`: a city from nothing to a picture, and the same picture by ray casting beside it.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use serde_json::json;
+use umbrage::reader::query::mh::MhMap;
+use umbrage::render::{Camera, Scene, ShadowRays, Shading, UpAxis, coverage, difference, shade, write_png};
+use umbrage::writer::bake::{BakeOptions, Light, bake};
+use umbrage::writer::scene::{self, DEMO_LIGHT};
+use umbrage::writer::solid::Policy;
+
+use super::output::{self, line};
+use super::{Failure, INPUT, TARGET, Watched, go_on, load_scene, open, picture, structure};
+
+/// Arguments of `demo`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder for the pictures and the container
+    #[arg(long, default_value = "demo-out")]
+    out: PathBuf,
+    /// Texels on a side of the shadow map
+    #[arg(long, default_value_t = 16384)]
+    resolution: u64,
+    /// One JSON object on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+const SCENE: &str = "city:1";
+const SIZE: [u32; 2] = [1280, 720];
+
+/// Runs the command.
+pub fn run(args: Args) -> Result<(), Failure> {
+    let mut stages: Vec<(&str, f64)> = Vec::new();
+    let begin = Instant::now();
+    let mut last = begin;
+    let mut stage = |name| {
+        let now = Instant::now();
+        stages.push((name, now.duration_since(last).as_secs_f64()));
+        last = now;
+    };
+    std::fs::create_dir_all(&args.out).map_err(|e| {
+        Failure::new(TARGET, format!("{}: {e}; name a folder that can be written with --out", args.out.display()))
+    })?;
+    let mesh = load_scene(SCENE)?;
+    stage("scene");
+
+    let file = args.out.join("city.umb");
+    let options = BakeOptions {
+        lights: vec![Light { name: "sun".to_string(), direction: DEMO_LIGHT }],
+        resolution: args.resolution,
+        policy: Policy::Closed,
+        exhaustive: false,
+        memory_bytes: None,
+    };
+    let watched = Watched::start(args.resolution.saturating_mul(args.resolution));
+    let baked = bake(&mesh, &options, &file, &watched.progress)?;
+    drop(watched);
+    stage("bake");
+
+    let view = match scene::demo_view(SCENE) {
+        Some(v) => v.map_err(|e| Failure::new(INPUT, e))?,
+        None => return Err(Failure::new(INPUT, format!("scene {SCENE} has no view"))),
+    };
+    let camera = Camera::new(view.eye, view.target, UpAxis::Y, view.fov_degrees).map_err(|e| Failure::new(INPUT, e))?;
+    let snapped = &baked.last;
+    let geometry = Scene::new(snapped);
+    let view = geometry.view(&camera, SIZE[0], SIZE[1], &go_on).ok_or_else(Failure::interrupted)?;
+    stage("primary rays");
+
+    let container = open(&file)?;
+    let map = MhMap::new(structure(&container, Some("sun"))?)?;
+    let opened = container.counters();
+    let by_map = picture::lit_by_map(&view, &map)?;
+    let read = container.counters();
+    stage("shadows from the file");
+
+    let by_rays = ShadowRays::new(&geometry).view(&view, &go_on).ok_or_else(Failure::interrupted)?;
+    stage("shadows by rays");
+    let edge = picture::edges(&view, snapped)?;
+    stage("edge texels");
+
+    let shading = Shading { components: Some(&snapped.solid), haze: None };
+    write_png(&args.out.join("shadow.png"), &shade(&view, &coverage(&by_map), shading))?;
+    write_png(&args.out.join("reference.png"), &shade(&view, &coverage(&by_rays), shading))?;
+    write_png(&args.out.join("difference.png"), &difference(SIZE[0], SIZE[1], &by_map, &by_rays, &edge))?;
+    stage("pictures");
+    let total = begin.elapsed().as_secs_f64();
+
+    let seen = view.receivers.iter().flatten().count();
+    let differ = |on_edge: bool| (0..by_map.len()).filter(|&i| by_map[i] != by_rays[i] && edge[i] == on_edge).count();
+    let (wrong, differ_edge) = (differ(false), differ(true));
+    let edges = edge.iter().filter(|e| **e).count();
+    let uncompressed = args.resolution * args.resolution * 4;
+    let light = &baked.lights[0];
+    let nodes: u64 = light.nodes.iter().sum();
+    let report = json!({
+        "scene": SCENE,
+        "light": DEMO_LIGHT,
+        "backend": "cpu",
+        "bake": super::bake::report(&baked, &options, stages[0].1, stages[1].1),
+        "uncompressed_bytes": uncompressed,
+        "pages_read": read.pages, "page_bytes_read": read.page_bytes, "pages": light.pages,
+        "reads": read.reads, "bytes_read": read.bytes, "bytes_to_open": opened.bytes,
+        "pixels_with_receiver": seen,
+        "pixels_in_edge_texels": edges,
+        "pixels_wrong_on_certified_texels": wrong,
+        "pixels_that_differ_in_edge_texels": differ_edge,
+        "seconds": stages.iter().map(|(n, s)| (n.to_string(), json!(s))).collect::<serde_json::Map<_, _>>(),
+        "total_seconds": total,
+    });
+    output::write_file(&args.out.join("report.json"), &format!("{report:#}\n"))?;
+    if args.json {
+        return line(&report.to_string());
+    }
+    line(&format!("{SCENE}: {} triangles, shadow map {} x {}", baked.triangles, args.resolution, args.resolution))?;
+    line(&format!(
+        "  file              {} of {} uncompressed (1 : {:.0}), {nodes} nodes at {:.2} bytes",
+        output::bytes(baked.bytes),
+        output::bytes(uncompressed),
+        uncompressed as f64 / baked.bytes as f64,
+        baked.bytes as f64 / nodes as f64
+    ))?;
+    line(&format!(
+        "  pages read        {} of {} ({} of {})",
+        read.pages,
+        light.pages,
+        output::bytes(read.page_bytes),
+        output::bytes(baked.bytes)
+    ))?;
+    line("  shadows           on the CPU")?;
+    let percent = |n: usize| n as f64 / seen.max(1) as f64 * 100.0;
+    line(&format!(
+        "  against rays      {wrong} wrong of {seen} pixels on certified texels; {differ_edge} differ in edge texels, which are {:.2} % of the pixels",
+        percent(edges)
+    ))?;
+    for (name, seconds) in &stages {
+        line(&format!("  {seconds:6.2} s  {name}"))?;
+    }
+    line(&format!("  {total:6.2} s  in all"))?;
+    line(&args.out.join("shadow.png").display().to_string())
+}

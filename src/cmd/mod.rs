@@ -1,0 +1,235 @@
+//! The subcommands, and what they share: failures with exit codes, scenes, files, interruption, progress.
+
+mod bake;
+mod demo;
+mod dump;
+mod output;
+mod picture;
+mod query;
+mod render;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use umbrage::reader::{Container, FileSource, Limits, ReaderError, Structure};
+use umbrage::writer::bake::BakeError;
+use umbrage::writer::container::WriteError;
+use umbrage::writer::hierarchy::build::Progress;
+use umbrage::writer::mesh::Mesh;
+use umbrage::writer::scene;
+use umbrage::writer::solid::Policy;
+
+/// Exit code: the arguments are wrong.
+pub const USAGE: u8 = 2;
+/// Exit code: input not readable or not valid.
+pub const INPUT: u8 = 3;
+/// Exit code: container refused.
+pub const REFUSED: u8 = 4;
+/// Exit code: target not writable, or not enough memory, disk or device.
+pub const TARGET: u8 = 5;
+/// Exit code: interrupted.
+pub const INTERRUPTED: u8 = 130;
+
+/// What to do.
+#[derive(clap::Subcommand)]
+pub enum Command {
+    /// Bake the shadows of a scene into a container
+    Bake(bake::Args),
+    /// Look points or texels up
+    Query(query::Args),
+    /// Draw a view of the scene with the shadows of a container
+    Render(render::Args),
+    /// Show what is in a container
+    Dump(dump::Args),
+    /// Bake a city, look at it, and hold the picture against ray casting
+    Demo(demo::Args),
+}
+
+impl Command {
+    /// Runs the subcommand.
+    pub fn run(self) -> Result<(), Failure> {
+        match self {
+            Command::Bake(a) => bake::run(a),
+            Command::Query(a) => query::run(a),
+            Command::Render(a) => render::run(a),
+            Command::Dump(a) => dump::run(a),
+            Command::Demo(a) => demo::run(a),
+        }
+    }
+}
+
+/// Why the program ends, in one line, and with which code.
+#[derive(Debug)]
+pub struct Failure {
+    /// Exit code.
+    pub code: u8,
+    /// What happened, where, and what to do.
+    pub message: String,
+}
+
+impl Failure {
+    /// A failure with its exit code.
+    pub fn new(code: u8, message: impl ToString) -> Self {
+        Failure { code, message: message.to_string() }
+    }
+
+    /// Stopped by a signal.
+    pub fn interrupted() -> Self {
+        Failure::new(INTERRUPTED, "interrupted; nothing was left behind")
+    }
+}
+
+impl From<BakeError> for Failure {
+    fn from(e: BakeError) -> Self {
+        let code = match &e {
+            BakeError::Frame(umbrage::writer::frame::FrameError::Bounds(..)) | BakeError::Solid(_) => INPUT,
+            BakeError::Frame(_) | BakeError::Name { .. } => USAGE,
+            BakeError::Write(WriteError::NameTwice { .. }) => USAGE,
+            BakeError::Write(_) | BakeError::Memory { .. } => TARGET,
+            BakeError::Cancelled => INTERRUPTED,
+        };
+        Failure::new(code, e)
+    }
+}
+
+impl From<ReaderError> for Failure {
+    fn from(e: ReaderError) -> Self {
+        let code = match &e {
+            ReaderError::Io { .. } => INPUT,
+            ReaderError::UnknownStructure { .. } | ReaderError::OutOfRange { .. } => USAGE,
+            _ => REFUSED,
+        };
+        Failure::new(code, e)
+    }
+}
+
+impl From<umbrage::render::ImageError> for Failure {
+    fn from(e: umbrage::render::ImageError) -> Self {
+        Failure::new(TARGET, e)
+    }
+}
+
+/// A scene: `city:SEED[:SIZE]`, `forest:...`, `scan:...`, or a file.
+pub fn load_scene(spec: &str) -> Result<Mesh, Failure> {
+    match scene::generated(spec) {
+        Some(mesh) => mesh.map_err(|e| Failure::new(INPUT, e)),
+        None => {
+            let what = match std::fs::metadata(spec) {
+                Err(e) => e.to_string(),
+                Ok(m) if m.is_dir() => "is a directory".to_string(),
+                Ok(_) => "mesh files are not supported by this version".to_string(),
+            };
+            Err(Failure::new(
+                INPUT,
+                format!("scene {spec}: {what}; give city:SEED, forest:SEED or scan:SEED, each with an optional :SIZE"),
+            ))
+        }
+    }
+}
+
+/// Opens a container with positioned reads.
+pub fn open(path: &Path) -> Result<Container, Failure> {
+    let source = FileSource::open(path)?;
+    Ok(Container::open(Arc::new(source), Limits::default())?)
+}
+
+/// The named structure, or the only one.
+pub fn structure(container: &Container, name: Option<&str>) -> Result<Structure, Failure> {
+    match name {
+        Some(name) => Ok(container.structure_named(name)?),
+        None if container.structure_count() == 1 => Ok(container.structure(0)?),
+        None => {
+            let names: Vec<String> = container.structures().map(|s| s.name().to_string()).collect();
+            Err(Failure::new(USAGE, format!("{} has several lights ({}); name one with --light", container.file(), names.join(", "))))
+        }
+    }
+}
+
+/// `closed`, `one-sided`, `second-surface`, `auto` or `thickness:T`.
+pub fn parse_policy(s: &str) -> Result<Policy, String> {
+    match s {
+        "closed" => Ok(Policy::Closed),
+        "one-sided" => Ok(Policy::OneSided),
+        "second-surface" => Ok(Policy::SecondSurface),
+        "auto" => Ok(Policy::Auto),
+        _ => match s.strip_prefix("thickness:").map(str::parse::<f64>) {
+            Some(Ok(t)) if t.is_finite() && t > 0.0 => Ok(Policy::Thickness(t)),
+            _ => Err("expected closed, one-sided, thickness:T (world units, above 0), second-surface or auto".to_string()),
+        },
+    }
+}
+
+/// Comma-separated finite numbers.
+pub fn parse_numbers<const N: usize>(s: &str) -> Result<[f64; N], String> {
+    let parts: Vec<&str> = s.split(',').collect();
+    let numbers: Vec<f64> = parts.iter().filter_map(|p| p.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
+    match (parts.len() == N, <[f64; N]>::try_from(numbers)) {
+        (true, Ok(n)) => Ok(n),
+        _ => Err(format!("expected {N} numbers separated by commas, found '{s}'")),
+    }
+}
+
+/// Set once a signal has come.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// Whether to go on; for loops that can end early.
+pub fn go_on() -> bool {
+    !STOP.load(Ordering::Relaxed)
+}
+
+/// Work that shows how far it is (on a terminal) and ends early when a signal comes.
+pub struct Watched {
+    /// What the builder reports to.
+    pub progress: Arc<Progress>,
+    done: Arc<AtomicBool>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Watched {
+    /// Starts to watch; `texels` is the whole.
+    pub fn start(texels: u64) -> Self {
+        listen();
+        let progress = Arc::new(Progress::default());
+        let done = Arc::new(AtomicBool::new(false));
+        let (p, d) = (progress.clone(), done.clone());
+        let thread = std::thread::spawn(move || {
+            // indicatif draws nothing where stderr is not a terminal
+            let bar = ProgressBar::with_draw_target(Some(texels), ProgressDrawTarget::stderr());
+            if let Ok(style) = ProgressStyle::with_template("{elapsed_precise} {wide_bar} {percent} % {eta}") {
+                bar.set_style(style);
+            }
+            while !d.load(Ordering::Relaxed) {
+                if !go_on() {
+                    p.cancel.store(true, Ordering::Relaxed);
+                }
+                bar.set_position(p.texels.load(Ordering::Relaxed));
+                std::thread::park_timeout(Duration::from_millis(100));
+            }
+            bar.finish_and_clear();
+        });
+        Watched { progress, done, thread: Some(thread) }
+    }
+}
+
+impl Drop for Watched {
+    fn drop(&mut self) {
+        self.done.store(true, Ordering::Relaxed);
+        if let Some(t) = self.thread.take() {
+            t.thread().unpark();
+            let _ = t.join();
+        }
+    }
+}
+
+/// Turns signals into [`go_on`] saying no; a second one ends the program at once.
+pub fn listen() {
+    // fails only when a handler is set already: that one is ours
+    let _ = ctrlc::set_handler(|| {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(INTERRUPTED.into());
+        }
+    });
+}
