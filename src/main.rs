@@ -26,7 +26,10 @@ fn main() -> ExitCode {
     match cli.command.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("umbrage: {}", failure.message);
+            // code 0: the reader of a pipe has had enough
+            if failure.code != 0 {
+                eprintln!("umbrage: {}", failure.message);
+            }
             ExitCode::from(failure.code)
         }
     }

@@ -4,11 +4,12 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use serde_json::{Value, json};
-use umbrage::writer::bake::{BakeOptions, Baked, Light, bake};
+use umbrage::writer::bake::{BakeError, BakeOptions, Baked, Light, bake};
+use umbrage::writer::container::Target;
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
-use super::{Failure, TARGET, Watched, load_scene, parse_numbers, parse_policy};
+use super::{Failure, TARGET, Watched, listen, load_scene, parse_numbers, parse_policy};
 
 /// Arguments of `bake`.
 #[derive(clap::Args)]
@@ -22,7 +23,7 @@ pub struct Args {
     #[arg(long, required = true, value_name = "NAME=dir:X,Y,Z", value_parser = parse_light, allow_hyphen_values = true)]
     light: Vec<Light>,
     /// Texels on a side, a power of two up to 16777216
-    #[arg(long, default_value_t = 16384)]
+    #[arg(long, default_value_t = 16384, allow_negative_numbers = true)]
     resolution: u64,
     /// How texels are encoded
     #[arg(long, default_value = "mh", value_parser = ["mh"])]
@@ -34,10 +35,10 @@ pub struct Args {
     #[arg(long, default_value = "proofs", value_parser = ["proofs", "exhaustive"])]
     builder: String,
     /// Most memory to hold, MiB
-    #[arg(long, value_name = "MIB")]
+    #[arg(long, value_name = "MIB", allow_negative_numbers = true)]
     memory: Option<u64>,
     /// Threads; as many as there are cores without it
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     threads: Option<usize>,
     /// One JSON object on stdout
     #[arg(long)]
@@ -65,7 +66,10 @@ pub fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool, Failure> {
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<(), Failure> {
+    listen();
     let start = Instant::now();
+    // Made and removed: a target that can't be written is found before the work, not after it.
+    drop(Target::create(&args.output).map_err(BakeError::from)?);
     let mesh = load_scene(&args.scene)?;
     let load = start.elapsed().as_secs_f64();
     let options = BakeOptions {

@@ -6,12 +6,13 @@ use std::time::Instant;
 use serde_json::json;
 use umbrage::reader::query::mh::MhMap;
 use umbrage::render::{Camera, Scene, ShadowRays, Shading, UpAxis, coverage, difference, shade, write_png};
-use umbrage::writer::bake::{BakeOptions, Light, bake};
+use umbrage::writer::bake::{BakeError, BakeOptions, Light, bake};
+use umbrage::writer::frame;
 use umbrage::writer::scene::{self, DEMO_LIGHT};
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
-use super::{Failure, INPUT, TARGET, Watched, go_on, load_scene, open, picture, structure};
+use super::{Failure, INPUT, TARGET, Watched, go_on, listen, load_scene, open, picture, structure};
 
 /// Arguments of `demo`.
 #[derive(clap::Args)]
@@ -20,7 +21,7 @@ pub struct Args {
     #[arg(long, default_value = "demo-out")]
     out: PathBuf,
     /// Texels on a side of the shadow map
-    #[arg(long, default_value_t = 16384)]
+    #[arg(long, default_value_t = 16384, allow_negative_numbers = true)]
     resolution: u64,
     /// One JSON object on stdout
     #[arg(long)]
@@ -40,6 +41,9 @@ pub fn run(args: Args) -> Result<(), Failure> {
         stages.push((name, now.duration_since(last).as_secs_f64()));
         last = now;
     };
+    listen();
+    // Before the folder is made: a refusal leaves nothing behind.
+    frame::log2_resolution(args.resolution).map_err(BakeError::from)?;
     std::fs::create_dir_all(&args.out).map_err(|e| {
         Failure::new(TARGET, format!("{}: {e}; name a folder that can be written with --out", args.out.display()))
     })?;

@@ -19,13 +19,13 @@ pub struct Args {
     #[arg(long)]
     light: Option<String>,
     /// Show one page of the light
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", allow_negative_numbers = true)]
     page: Option<u32>,
     /// Draw the depths of a level, near is light, uncovered is blue
     #[arg(long, value_name = "OUT.png")]
     image: Option<PathBuf>,
     /// Level of the picture; the finest that fits 1024 x 1024 without it
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     level: Option<u8>,
 }
 

@@ -7,6 +7,7 @@ mod output;
 mod picture;
 mod query;
 mod render;
+mod verify;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -44,6 +45,8 @@ pub enum Command {
     Render(render::Args),
     /// Show what is in a container
     Dump(dump::Args),
+    /// Check every rule of the format and, with the source, every stored value
+    Verify(verify::Args),
     /// Bake a city, look at it, and hold the picture against ray casting
     Demo(demo::Args),
 }
@@ -56,6 +59,7 @@ impl Command {
             Command::Query(a) => query::run(a),
             Command::Render(a) => render::run(a),
             Command::Dump(a) => dump::run(a),
+            Command::Verify(a) => verify::run(a),
             Command::Demo(a) => demo::run(a),
         }
     }

@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, default_value = "y", value_parser = ["y", "z"])]
     up: String,
     /// Vertical field of view, degrees
-    #[arg(long, default_value_t = 45.0)]
+    #[arg(long, default_value_t = 45.0, allow_negative_numbers = true)]
     fov: f64,
     /// Pixels
     #[arg(long, default_value = "1280x720", value_name = "WxH", value_parser = parse_size)]

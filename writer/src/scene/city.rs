@@ -268,9 +268,9 @@ fn divide(random: &Random, frame: &Frame, half: [f64; 2], pitch: f64) -> Vec<Lot
     lots
 }
 
-/// A view over the roofs down into the streets, across the direction of the demo light.
+/// A view over the roofs down into the streets and a park, across the direction of the demo light.
 pub(super) fn view() -> View {
-    View { eye: EYE, target: [0.0, 6.0, 0.0], fov_degrees: 45.0 }
+    View { eye: EYE, target: [330.0, 6.0, -380.0], fov_degrees: 45.0 }
 }
 
 #[cfg(test)]

@@ -38,7 +38,8 @@ pub enum Fault {
     /// Neither extension nor content is of a known format.
     #[error(
         "expected OBJ, PLY or glTF (.obj, .ply, .gltf, .glb), found extension `{}` and content that starts with {found}; \
-         convert the scene to one of these", text::line(extension)
+         convert the scene to one of these",
+        text::line(extension)
     )]
     UnknownFormat {
         /// The extension, in lower case.

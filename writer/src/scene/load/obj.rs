@@ -5,8 +5,28 @@ use super::{Fault, Loaded, text};
 
 /// Keywords that say nothing about where surfaces are.
 const SILENT: [&[u8]; 22] = [
-    b"vt", b"vn", b"vp", b"g", b"o", b"s", b"mg", b"mtllib", b"usemtl", b"usemap", b"maplib", b"bevel", b"c_interp",
-    b"d_interp", b"lod", b"shadow_obj", b"trace_obj", b"call", b"csh", b"bmat", b"step", b"deg",
+    b"vt",
+    b"vn",
+    b"vp",
+    b"g",
+    b"o",
+    b"s",
+    b"mg",
+    b"mtllib",
+    b"usemtl",
+    b"usemap",
+    b"maplib",
+    b"bevel",
+    b"c_interp",
+    b"d_interp",
+    b"lod",
+    b"shadow_obj",
+    b"trace_obj",
+    b"call",
+    b"csh",
+    b"bmat",
+    b"step",
+    b"deg",
 ];
 
 /// Reads a whole file.
@@ -49,7 +69,8 @@ pub fn parse(bytes: &[u8]) -> Result<Loaded, Fault> {
     if largest.1 > 0 && largest.0 >= count {
         return Err(bad_index(largest.1, count, (largest.0 as u64 + 1).to_string()));
     }
-    scene.notes = ignored.0.iter().map(|(what, n, line)| format!("{n} {what} are ignored, first at line {line}")).collect();
+    scene.notes =
+        ignored.0.iter().map(|(what, n, line)| format!("{n} {what} are ignored, first at line {line}")).collect();
     scene.notes.extend(fans.finish(&mut scene.mesh, "line"));
     Ok(scene)
 }

@@ -97,18 +97,15 @@ mod tests {
 
     #[test]
     fn a_polygon_without_a_fan_is_noted() {
-        // a star of four arms: no corner sees all of it
-        let star: Vec<[f64; 2]> = (0..4)
-            .flat_map(|k| {
-                let turn = |x: f64, y: f64| [[x, y], [-y, x], [-x, -y], [y, -x]][k];
-                [turn(9.0, -1.0), turn(9.0, 1.0), turn(1.0, 1.0)]
-            })
-            .collect();
-        let (mesh, note) = cut(&star);
+        // a comb: no corner sees all three teeth
+        let [bottom, middle, top] = [0.0, 1.0, 5.0];
+        let mut comb = vec![[0.0, bottom], [10.0, bottom]];
+        for [right, left] in [[10.0, 9.0], [6.0, 5.0], [1.0, 0.0]] {
+            comb.extend([[right, top], [left, top], [left, middle], [left - 3.0, middle]]);
+        }
+        comb.truncate(12);
+        let (mesh, note) = cut(&comb);
         assert_eq!(mesh.triangles.len(), 10);
-        assert_eq!(
-            note.unwrap(),
-            "1 concave polygons have no fan that fits, first at line 7; triangulate the mesh"
-        );
+        assert_eq!(note.unwrap(), "1 concave polygons have no fan that fits, first at line 7; triangulate the mesh");
     }
 }

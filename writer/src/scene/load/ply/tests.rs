@@ -60,10 +60,7 @@ fn all_encodings_give_the_same() {
         assert_eq!(scene.mesh.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 2]]);
         assert_eq!(
             scene.notes,
-            [
-                "element `odd` is skipped (2 of them)",
-                "element `empty` is skipped (9223372036854775807 of them)"
-            ]
+            ["element `odd` is skipped (2 of them)", "element `empty` is skipped (9223372036854775807 of them)"]
         );
     }
     assert_eq!(parse(&ascii()).unwrap().mesh.positions[3], [0.0, 1.0, 0.0]);
@@ -99,14 +96,49 @@ fn small(encoding: &str, faces: &str, body: &[u8]) -> Vec<u8> {
 fn faults_name_the_place() {
     let face = "element face 1\nproperty list int int vertex_index\n";
     for (faces, body, start, found) in [
-        (face, "0 0 0 0 0 0 0 0 1e39x 3 0 1 2", "element `vertex`, index 2 of 3, property `z`: expected a number", "`1e39x`"),
+        (
+            face,
+            "0 0 0 0 0 0 0 0 1e39x 3 0 1 2",
+            "element `vertex`, index 2 of 3, property `z`: expected a number",
+            "`1e39x`",
+        ),
         (face, "0 0 0 inf 0 0 0 0 0", "element `vertex`, index 1 of 3, property `x`: expected finite", "inf"),
-        (face, "0 0 0 0 0 0 0 0 0 3 0 1 3", "element `face`, index 0 of 1, property `vertex_index`: expected an index into 3", "3"),
-        (face, "0 0 0 0 0 0 0 0 0 3 0 1 -1", "element `face`, index 0 of 1, property `vertex_index`: expected an index", "-1"),
-        (face, "0 0 0 0 0 0 0 0 0 -3 0 1 1", "element `face`, index 0 of 1, property `vertex_index`: expected a number of", "-3"),
-        (face, "0 0 0 0 0 0 0 0 0 2147483648", "element `face`, index 0 of 1, property `vertex_index`: expected a whole", "`2147483648`"),
-        ("element face 1\nproperty int vertex_index\n", "", "header: expected a property `list", "none"),
-        ("element face 1\nproperty list int float vertex_index\n", "", "header: expected a property `list", "none"),
+        (
+            face,
+            "0 0 0 0 0 0 0 0 0 3 0 1 3",
+            "element `face`, index 0 of 1, property `vertex_index`: expected an index into 3",
+            "3",
+        ),
+        (
+            face,
+            "0 0 0 0 0 0 0 0 0 3 0 1 -1",
+            "element `face`, index 0 of 1, property `vertex_index`: expected an index",
+            "-1",
+        ),
+        (
+            face,
+            "0 0 0 0 0 0 0 0 0 -3 0 1 1",
+            "element `face`, index 0 of 1, property `vertex_index`: expected a number of",
+            "-3",
+        ),
+        (
+            face,
+            "0 0 0 0 0 0 0 0 0 2147483648",
+            "element `face`, index 0 of 1, property `vertex_index`: expected a whole",
+            "`2147483648`",
+        ),
+        (
+            "element face 1\nproperty int vertex_index\n",
+            "0 0 0 0 0 0 0 0 0",
+            "header: expected a property `list",
+            "none",
+        ),
+        (
+            "element face 1\nproperty list int float vertex_index\n",
+            "0 0 0 0 0 0 0 0 0",
+            "header: expected a property `list",
+            "none",
+        ),
         ("element face 1\nproperty list float int vertex_index\n", "", "header line 8: expected a whole type", ""),
         ("element face x\n", "", "header line 7: expected a whole number", "`element face x`"),
         ("element face -1\n", "", "header line 7: expected a whole number", "`element face -1`"),
@@ -124,8 +156,14 @@ fn faults_name_the_place() {
     for (file, start) in [
         ("ply\nelement vertex 0\nend_header\n", "header: expected a line `format`"),
         ("ply\nformat ascii 1.0\nproperty int x\n", "header line 3: expected an element before"),
-        ("ply\nformat ascii 1.0\nelement vertex 1\nproperty list int int x\nend_header\n", "header: expected a scalar property `x`"),
-        ("ply\nformat ascii 1.0\nelement vertex 268435457\nend_header\n", "header: expected at most 268435456 vertices"),
+        (
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty list int int x\nend_header\n",
+            "header: expected a scalar property `x`",
+        ),
+        (
+            "ply\nformat ascii 1.0\nelement vertex 268435457\nend_header\n",
+            "header: expected at most 268435456 vertices",
+        ),
         ("plywood\n", "header line 1: expected `ply`"),
     ] {
         let message = parse(file.as_bytes()).expect_err(file).to_string();
@@ -136,12 +174,16 @@ fn faults_name_the_place() {
 
 #[test]
 fn counts_beyond_the_file_are_refused_at_once() {
-    let huge = "element face 18446744073709551615\nproperty list uint int vertex_index\nproperty list uint double more\n";
+    let huge =
+        "element face 18446744073709551615\nproperty list uint int vertex_index\nproperty list uint double more\n";
     let mut body = vec![0; 36];
     assert!(matches!(parse(&small("binary_little_endian", huge, &body)), Err(Fault::Truncated { .. })));
     body.extend([0, 0, 0, 0, 255, 255, 255, 255]);
     let message = parse(&small("binary_little_endian", huge, &body)).unwrap_err().to_string();
-    assert!(message.contains("property `more`") && message.contains("expected 34359738360 bytes, found 0"), "{message}");
+    assert!(
+        message.contains("property `more`") && message.contains("expected 34359738360 bytes, found 0"),
+        "{message}"
+    );
     assert!(matches!(parse(&small("ascii", huge, b"0 0 0 0 0 0 0 0 0 4294967295 1")), Err(Fault::Truncated { .. })));
 }
 
