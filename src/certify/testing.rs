@@ -34,6 +34,8 @@ pub fn empty(log2_resolution: u8, bits: u8) -> SnappedMesh {
         solid: Vec::new(),
         solids: Vec::new(),
         second_surface: false,
+        displacement: 0.0,
+        components: Default::default(),
     }
 }
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde_json::json;
 use umbrage::reader::query::mh::MhMap;
-use umbrage::render::{Camera, Scene, ShadowRays, Shading, UpAxis, coverage, difference, shade, write_png};
+use umbrage::render::{Camera, Scene, Shading, ShadowRays, UpAxis, coverage, difference, shade, write_png};
 use umbrage::writer::bake::{BakeError, BakeOptions, Light, bake};
 use umbrage::writer::frame;
 use umbrage::writer::scene::{self, DEMO_LIGHT};

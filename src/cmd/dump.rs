@@ -37,10 +37,21 @@ pub fn run(args: Args) -> Result<(), Failure> {
         let s = structure(&container, args.light.as_deref())?;
         let (r, page) = (s.page_record(ordinal)?, s.page(ordinal)?);
         line(&format!("page {ordinal} of '{}': {} words at byte {}", s.name(), r.hot_words.get(), r.offset.get()))?;
-        line(&format!("  texels     x {} + {}, y {} + {}", r.origin_x.get(), 1u64 << r.log2_x, r.origin_y.get(), 1u64 << r.log2_y))?;
+        line(&format!(
+            "  texels     x {} + {}, y {} + {}",
+            r.origin_x.get(),
+            1u64 << r.log2_x,
+            r.origin_y.get(),
+            1u64 << r.log2_y
+        ))?;
         line(&format!("  levels     {} to {}", r.level_coarsest, r.level_finest))?;
         line(&format!("  children   {} from page {}", r.child_count.get(), r.first_child.get()))?;
-        line(&format!("  depths     {} to {}; error without it {}", r.min_depth.get(), r.max_depth.get(), r.stop_error.get()))?;
+        line(&format!(
+            "  depths     {} to {}; error without it {}",
+            r.min_depth.get(),
+            r.max_depth.get(),
+            r.stop_error.get()
+        ))?;
         line(&format!("  hash       {:016x}, crc {:08x}", r.content_hash.get(), r.crc32.get()))?;
         for (i, words) in page.words().chunks(8).enumerate() {
             let words: Vec<String> = words.iter().map(|w| format!("{w:08x}")).collect();
@@ -75,11 +86,29 @@ pub fn run(args: Args) -> Result<(), Failure> {
         let all: u64 = nodes.iter().sum();
         let texels = (f64::from(l.resolution())).powi(2);
         let d = r.light_direction.map(|c| c.get());
-        line(&format!("light '{}': {} of {} x {} texels, along {:.4}, {:.4}, {:.4}", s.name(), s.kind().name(), l.resolution(), l.resolution(), d[0], d[1], d[2]))?;
+        line(&format!(
+            "light '{}': {} of {} x {} texels, along {:.4}, {:.4}, {:.4}",
+            s.name(),
+            s.kind().name(),
+            l.resolution(),
+            l.resolution(),
+            d[0],
+            d[1],
+            d[2]
+        ))?;
         line(&format!("  nodes         {all}: {} leaves, {} inner, {} empty", nodes[0], nodes[1], nodes[2]))?;
         line(&format!("  pages         {} in {} index blocks", s.page_count(), s.block_count()))?;
-        line(&format!("  edge texels   {} ({:.3} %), thin {}", r.edge_texels.get(), r.edge_texels.get() as f64 / texels * 100.0, r.thin_texels.get()))?;
-        line(&format!("  source        {} triangles, vertices moved by at most {:.2e}", r.triangles.get(), r.snap_displacement.get()))?;
+        line(&format!(
+            "  edge texels   {} ({:.3} %), thin {}",
+            r.edge_texels.get(),
+            r.edge_texels.get() as f64 / texels * 100.0,
+            r.thin_texels.get()
+        ))?;
+        line(&format!(
+            "  source        {} triangles, vertices moved by at most {:.2e}",
+            r.triangles.get(),
+            r.snap_displacement.get()
+        ))?;
     }
     Ok(())
 }

@@ -147,7 +147,10 @@ pub fn structure(container: &Container, name: Option<&str>) -> Result<Structure,
         None if container.structure_count() == 1 => Ok(container.structure(0)?),
         None => {
             let names: Vec<String> = container.structures().map(|s| s.name().to_string()).collect();
-            Err(Failure::new(USAGE, format!("{} has several lights ({}); name one with --light", container.file(), names.join(", "))))
+            Err(Failure::new(
+                USAGE,
+                format!("{} has several lights ({}); name one with --light", container.file(), names.join(", ")),
+            ))
         }
     }
 }
@@ -159,17 +162,21 @@ pub fn parse_policy(s: &str) -> Result<Policy, String> {
         "one-sided" => Ok(Policy::OneSided),
         "second-surface" => Ok(Policy::SecondSurface),
         "auto" => Ok(Policy::Auto),
-        _ => match s.strip_prefix("thickness:").map(str::parse::<f64>) {
-            Some(Ok(t)) if t.is_finite() && t > 0.0 => Ok(Policy::Thickness(t)),
-            _ => Err("expected closed, one-sided, thickness:T (world units, above 0), second-surface or auto".to_string()),
-        },
+        _ => {
+            match s.strip_prefix("thickness:").map(str::parse::<f64>) {
+                Some(Ok(t)) if t.is_finite() && t > 0.0 => Ok(Policy::Thickness(t)),
+                _ => Err("expected closed, one-sided, thickness:T (world units, above 0), second-surface or auto"
+                    .to_string()),
+            }
+        }
     }
 }
 
 /// Comma-separated finite numbers.
 pub fn parse_numbers<const N: usize>(s: &str) -> Result<[f64; N], String> {
     let parts: Vec<&str> = s.split(',').collect();
-    let numbers: Vec<f64> = parts.iter().filter_map(|p| p.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
+    let numbers: Vec<f64> =
+        parts.iter().filter_map(|p| p.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
     match (parts.len() == N, <[f64; N]>::try_from(numbers)) {
         (true, Ok(n)) => Ok(n),
         _ => Err(format!("expected {N} numbers separated by commas, found '{s}'")),

@@ -41,7 +41,13 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let oracle = snapped.as_ref().map(Oracle::new);
     let map = MhMap::new(structure)?;
     let certified = |x: u32, y: u32| match &oracle {
-        Some(o) => if o.texel(x, y).certified { "1" } else { "0" },
+        Some(o) => {
+            if o.texel(x, y).certified {
+                "1"
+            } else {
+                "0"
+            }
+        }
         None => "",
     };
     let mut out = String::new();
@@ -93,14 +99,22 @@ impl Rows {
     /// Reads a table whose header names at least `least` of `columns`, in order.
     fn read(path: &Path, columns: &[&str], least: usize) -> Result<Vec<Rows>, Failure> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| Failure::new(INPUT, format!("{file}: {e}; give a text file with a header {}", columns.join(","))))?;
+        let text = std::fs::read_to_string(path).map_err(|e| {
+            Failure::new(INPUT, format!("{file}: {e}; give a text file with a header {}", columns.join(",")))
+        })?;
         let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
-        let header: Vec<String> =
-            lines.next().map_or(String::new(), |(_, l)| l.to_string()).split(',').map(|f| f.trim().to_string()).collect();
+        let header: Vec<String> = lines
+            .next()
+            .map_or(String::new(), |(_, l)| l.to_string())
+            .split(',')
+            .map(|f| f.trim().to_string())
+            .collect();
         if header.len() < least || header.len() > columns.len() || header.iter().zip(columns).any(|(h, c)| h != c) {
             let found = header.join(",");
-            return Err(Failure::new(INPUT, format!("{file}: line 1: expected the header {}, found '{found}'", columns.join(","))));
+            return Err(Failure::new(
+                INPUT,
+                format!("{file}: line 1: expected the header {}, found '{found}'", columns.join(",")),
+            ));
         }
         let mut rows = Vec::new();
         for (i, l) in lines {
@@ -118,14 +132,20 @@ impl Rows {
 
     fn number(&self, i: usize) -> Result<f64, Failure> {
         self.fields[i].parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| {
-            Failure::new(INPUT, format!("{}: line {}: expected a number, found '{}'", self.file, self.line, self.fields[i]))
+            Failure::new(
+                INPUT,
+                format!("{}: line {}: expected a number, found '{}'", self.file, self.line, self.fields[i]),
+            )
         })
     }
 
     fn integer(&self, i: usize, most: u64) -> Result<u64, Failure> {
         self.fields[i].parse::<u64>().ok().filter(|v| *v <= most).ok_or_else(|| {
             let (file, line, found) = (&self.file, self.line, &self.fields[i]);
-            Failure::new(INPUT, format!("{file}: line {line}: expected a whole number from 0 to {most}, found '{found}'"))
+            Failure::new(
+                INPUT,
+                format!("{file}: line {line}: expected a whole number from 0 to {most}, found '{found}'"),
+            )
         })
     }
 }

@@ -45,9 +45,9 @@ pub struct Args {
 
 fn parse_size(s: &str) -> Result<[u32; 2], String> {
     let parts = s.split_once('x').and_then(|(w, h)| Some([w.parse::<u32>().ok()?, h.parse::<u32>().ok()?]));
-    parts.filter(|s| s.iter().all(|n| (1..=16384).contains(n))).ok_or_else(|| {
-        format!("expected WIDTHxHEIGHT, each from 1 to 16384, for example 1280x720, found '{s}'")
-    })
+    parts
+        .filter(|s| s.iter().all(|n| (1..=16384).contains(n)))
+        .ok_or_else(|| format!("expected WIDTHxHEIGHT, each from 1 to 16384, for example 1280x720, found '{s}'"))
 }
 
 /// Runs the command.

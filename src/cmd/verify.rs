@@ -66,10 +66,13 @@ pub fn run(args: Args) -> Result<(), Failure> {
     }
     let ok = errors.is_empty() && violations == 0;
     if args.json {
-        line(&json!({
-            "ok": ok, "errors": errors, "pages": summary.pages, "texels_checked": texels,
-            "violations": violations, "lights": lights,
-        }).to_string())?;
+        line(
+            &json!({
+                "ok": ok, "errors": errors, "pages": summary.pages, "texels_checked": texels,
+                "violations": violations, "lights": lights,
+            })
+            .to_string(),
+        )?;
     } else {
         for e in &errors {
             line(e)?;

@@ -150,7 +150,9 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
         let start = Instant::now();
         let tree = build(&snapped, Options { exhaustive: options.exhaustive }, progress).ok_or_else(|| {
             match (options.memory_bytes, progress.cancel.load(Ordering::Relaxed)) {
-                (Some(budget), false) => memory_error(budget, "the geometry with the tree so far", geometry + progress.held()),
+                (Some(budget), false) => {
+                    memory_error(budget, "the geometry with the tree so far", geometry + progress.held())
+                }
                 _ => BakeError::Cancelled,
             }
         })?;
@@ -268,13 +270,7 @@ pub fn policy_of(record: &StructureRecord) -> Option<Policy> {
     }
 }
 
-fn structure(
-    mesh: &Mesh,
-    light: &Light,
-    options: &BakeOptions,
-    snapped: &SnappedMesh,
-    tree: &Tree,
-) -> StructureRecord {
+fn structure(mesh: &Mesh, light: &Light, options: &BakeOptions, snapped: &SnappedMesh, tree: &Tree) -> StructureRecord {
     let mut bound = [0.0f64; 3];
     for p in &mesh.positions {
         for i in 0..3 {

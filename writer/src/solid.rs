@@ -255,27 +255,15 @@ fn components(triangles: &[[u32; 3]]) -> (Vec<u32>, Vec<usize>) {
         }
         i
     }
-    let runs = |f: &mut dyn FnMut(&[(u64, u32)])| {
-        let mut start = 0;
-        while start < edges.len() {
-            let mut end = start + 1;
-            while end < edges.len() && edges[end].0 == edges[start].0 {
-                end += 1;
-            }
-            f(&edges[start..end]);
-            start = end;
-        }
-    };
-    runs(&mut |run| {
-        let a = root(&mut parent, run[0].1 >> 1);
-        let mut a = a;
+    for run in edges.chunk_by(|a, b| a.0 == b.0) {
+        let mut a = root(&mut parent, run[0].1 >> 1);
         for e in &run[1..] {
             let b = root(&mut parent, e.1 >> 1);
             let (low, high) = (a.min(b), a.max(b));
             parent[high as usize] = low;
             a = low;
         }
-    });
+    }
     let mut id = vec![u32::MAX; triangles.len()];
     let mut count = 0u32;
     let mut component = Vec::with_capacity(triangles.len());
@@ -288,12 +276,12 @@ fn components(triangles: &[[u32; 3]]) -> (Vec<u32>, Vec<usize>) {
         component.push(id[r]);
     }
     let mut boundary = vec![0usize; count as usize];
-    runs(&mut |run| {
+    for run in edges.chunk_by(|a, b| a.0 == b.0) {
         let sum: i64 = run.iter().map(|e| if e.1 & 1 == 0 { 1 } else { -1 }).sum();
         if sum != 0 {
             boundary[component[(run[0].1 >> 1) as usize] as usize] += sum.unsigned_abs() as usize;
         }
-    });
+    }
     (component, boundary)
 }
 
@@ -385,9 +373,8 @@ fn winding(positions: &[[i64; 3]], triangles: &[[u32; 3]], which: &[u32], p: [i6
             let q = positions[k as usize];
             [i128::from(q[0] - p[0]), i128::from(q[1] - p[1]), i128::from(q[2] - p[2])]
         });
-        let area = |v: &[[i128; 3]; 3]| {
-            (v[1][0] - v[0][0]) * (v[2][1] - v[0][1]) - (v[2][0] - v[0][0]) * (v[1][1] - v[0][1])
-        };
+        let area =
+            |v: &[[i128; 3]; 3]| (v[1][0] - v[0][0]) * (v[2][1] - v[0][1]) - (v[2][0] - v[0][0]) * (v[1][1] - v[0][1]);
         let mut sign = -1;
         let mut d = area(&v);
         if d == 0 {
@@ -455,7 +442,11 @@ mod tests {
         assert_eq!(turned.components.flipped, 1);
         let mut a: Vec<_> = plain.triangles.iter().map(|t| t.map(|i| plain.positions[i as usize])).collect();
         let mut b: Vec<_> = turned.triangles.iter().map(|t| t.map(|i| turned.positions[i as usize])).collect();
-        let rotate = |t: &mut [[i64; 3]; 3]| while t[0] != *t.iter().min().unwrap() { t.rotate_left(1) };
+        let rotate = |t: &mut [[i64; 3]; 3]| {
+            while t[0] != *t.iter().min().unwrap() {
+                t.rotate_left(1)
+            }
+        };
         a.iter_mut().for_each(rotate);
         b.iter_mut().for_each(rotate);
         a.sort();

@@ -6,11 +6,11 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
+use crate::interval::Interval;
 use crate::interval::proof::Prover;
 use crate::interval::ray::Rays;
 use crate::interval::texel::{Effort, Scratch, texel};
 use crate::interval::triangle::{Cover, Local, Surface, surfaces};
-use crate::interval::Interval;
 use crate::solid::SnappedMesh;
 
 use super::mh::{self, Node};
@@ -152,10 +152,8 @@ impl Context<'_> {
                 list.iter().copied().filter(|i| self.surfaces[*i as usize].overlaps(x, y, size)).collect();
             self.part(child, &near)
         };
-        let ((a, b), (c, d)) = rayon::join(
-            || rayon::join(|| quarter(0), || quarter(1)),
-            || rayon::join(|| quarter(2), || quarter(3)),
-        );
+        let ((a, b), (c, d)) =
+            rayon::join(|| rayon::join(|| quarter(0), || quarter(1)), || rayon::join(|| quarter(2), || quarter(3)));
         let mut forest = Forest::default();
         let mut counts = Counts::default();
         let mut take = |p: Part| {
@@ -182,8 +180,7 @@ impl Context<'_> {
         let size = 1i64 << (at.level + self.subtexel_bits);
         let locals: Vec<Local> =
             list.iter().map(|i| self.surfaces[*i as usize].local(*i, corner[0], corner[1], size)).collect();
-        let rays =
-            Rays { surfaces: self.surfaces, locals: &locals, corner, second_surface: self.second_surface };
+        let rays = Rays { surfaces: self.surfaces, locals: &locals, corner, second_surface: self.second_surface };
         let mut tile = Tile {
             cx: self,
             rays,

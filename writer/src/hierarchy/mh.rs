@@ -125,7 +125,7 @@ pub fn merge(children: [Node; 4], level: u8, groups: &mut Vec<Group>) -> Node {
     }
     let below = groups.len() as u32;
     groups.push(group);
-    Node { interval, below, words: words + u32::from(group.mask.words()), finest: finest.min(level), span }
+    Node { interval, below, words: words + group.mask.words(), finest: finest.min(level), span }
 }
 
 #[cfg(test)]
@@ -175,6 +175,6 @@ mod tests {
         // one level up the node's own value is taken over by its parent, which leaves an empty node behind
         let q = merge([p, n(4, 4), n(5, 5), n(0, 9)], 1, &mut groups);
         assert_eq!(groups[1].mask.child(0), NodeType::Empty);
-        assert_eq!(q.words, 1 + u32::from(groups[1].mask.words()));
+        assert_eq!(q.words, 1 + groups[1].mask.words());
     }
 }

@@ -94,8 +94,11 @@ impl Forest {
 
     /// Bytes held, about.
     pub fn bytes(&self) -> u64 {
-        let pages: usize =
-            self.pages.iter().map(|p| size_of::<Draft>() + 4 * p.words.len() + size_of::<DraftRef>() * p.refs.len()).sum();
+        let pages: usize = self
+            .pages
+            .iter()
+            .map(|p| size_of::<Draft>() + 4 * p.words.len() + size_of::<DraftRef>() * p.refs.len())
+            .sum();
         (pages + size_of::<Group>() * self.groups.len()) as u64
     }
 
@@ -254,7 +257,7 @@ impl Forest {
     fn measure(&self, group: u32) -> (u32, Span) {
         let g = &self.groups[group as usize];
         let inline = g.below.iter().filter(|b| **b != NONE && **b & CUT == 0);
-        let words = u32::from(g.mask.words()) + inline.map(|b| self.measure(*b).0).sum::<u32>();
+        let words = g.mask.words() + inline.map(|b| self.measure(*b).0).sum::<u32>();
         (words, g.span)
     }
 

@@ -152,8 +152,7 @@ impl<'a> Cell<'a> {
         let at = |l: &Line| &l.a * x + &l.b * y + &l.c * w;
         let sides = [x.clone(), y.clone(), &self.size * w - x, &self.size * w - y];
         let normals = [[1, 0], [0, 1], [-1, 0], [0, -1]].map(|n: [i32; 2]| n.map(BigInt::from));
-        let signs: Vec<[Sign; 3]> =
-            self.faces.iter().map(|f| [0, 1, 2].map(|k| at(&f.edges[k]).sign())).collect();
+        let signs: Vec<[Sign; 3]> = self.faces.iter().map(|f| [0, 1, 2].map(|k| at(&f.edges[k]).sign())).collect();
         let candidates: Vec<usize> =
             (0..self.faces.len()).filter(|i| signs[*i].iter().all(|s| *s != Sign::Minus)).collect();
         let depth: Vec<BigInt> = candidates
@@ -208,12 +207,7 @@ impl<'a> Cell<'a> {
     }
 
     /// The hit that ends the first stretch.
-    fn end(
-        &self,
-        hits: &[usize],
-        candidates: &[usize],
-        compare: &dyn Fn(usize, usize) -> Ordering,
-    ) -> Option<usize> {
+    fn end(&self, hits: &[usize], candidates: &[usize], compare: &dyn Fn(usize, usize) -> Ordering) -> Option<usize> {
         if self.second_surface {
             return hits.get(1).copied();
         }

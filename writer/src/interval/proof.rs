@@ -131,9 +131,13 @@ impl Prover {
         let harmless = (0..list.len())
             .filter(|k| front(*k) && !(first.start..first.end).contains(k))
             .all(|k| view.behind(k, &first, &mut polygon));
+        if !harmless {
+            self.polygon = polygon;
+            return None;
+        }
         let mut current = first;
         let mut high = first.high;
-        while harmless {
+        loop {
             // the slab that carries on furthest, of those that every ray has entered where it leaves this one
             let further = self.slabs.iter().filter(|s| s.high > high).filter(|s| {
                 s.low <= high
@@ -147,7 +151,7 @@ impl Prover {
             }
         }
         self.polygon = polygon;
-        if harmless { interval(low, high) } else { None }
+        interval(low, high)
     }
 
     /// The depths at which every ray of the square is inside the solid of `list[start..end]`.

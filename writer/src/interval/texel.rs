@@ -192,10 +192,10 @@ fn settle(
         // the same surfaces begin and end the stretch on every ray, so both ends are linear
         return Settled::Right(Interval { min: own.lo as u32, max: (own.hi - 1) as u32 });
     }
-    if let Some(i) = scratch.prover.prove(rays.locals, list, p, size, rays.second_surface, true) {
-        if !refine || (i64::from(i.min) <= bounds.lo && bounds.hi - 1 <= i64::from(i.max)) {
-            return Settled::Right(i);
-        }
+    if let Some(i) = scratch.prover.prove(rays.locals, list, p, size, rays.second_surface, true)
+        && (!refine || (i64::from(i.min) <= bounds.lo && bounds.hi - 1 <= i64::from(i.max)))
+    {
+        return Settled::Right(i);
     }
     let edges = list.iter().filter(|i| rays.locals[**i as usize].cover(p[0], p[1], size) != Cover::All).count();
     if edges == 0 || size == 1 || (list.len() <= EXACT_LIST && size * EXACT_SIDE <= texel) {

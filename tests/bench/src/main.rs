@@ -1,0 +1,122 @@
+//! `cargo bench-umbrage SUITE`: every figure about Umbrage comes from here.
+//!
+//! A suite takes [`Args`], measures, and gives back a [`report::Report`]: tables for people, rows for JSON, plots.
+//!
+//! | Room | What is in it |
+//! |---|---|
+//! | `suite` | one file per suite |
+//! | `report` | tables, goals, JSON with machine, commit and command |
+//! | `plot` | SVG pictures, the hull of time against error |
+//! | `scenes` | meshes, lights, recorded cameras, baked files in a folder that goes away |
+//! | `depth_map` | the baseline: a plain shadow map of texel-centre depths |
+//! | `timing` | interleaved repetitions, medians, spread |
+//! | `random` | seeded numbers |
+//! | `machine` | processor, memory, commit, peak of a process |
+#![forbid(unsafe_code)]
+
+mod depth_map;
+mod machine;
+mod plot;
+mod random;
+mod report;
+mod scenes;
+mod suite;
+mod timing;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, ValueEnum};
+
+/// Measures Umbrage against its baselines.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "bench-umbrage", version)]
+pub struct Args {
+    /// What to measure
+    #[arg(value_enum)]
+    suite: Suite,
+    /// One JSON object on stdout; the tables go to stderr
+    #[arg(long)]
+    json: bool,
+    /// Folder for SVG plots
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// As far as the plan asks; takes long and much memory
+    #[arg(long)]
+    full: bool,
+    /// Scene instead of the suite's own ones, repeatable: city:SEED, forest:SEED, scan:SEED or a mesh file
+    #[arg(long = "scene", value_name = "SCENE")]
+    scenes: Vec<String>,
+    /// Texels on a side instead of the suite's own ones, repeatable
+    #[arg(long = "resolution", value_name = "N")]
+    resolutions: Vec<u64>,
+    /// For the suite's own child process
+    #[arg(long, hide = true)]
+    exhaustive: bool,
+}
+
+/// What can be measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Suite {
+    /// Bytes of whole files against uncompressed and zstd-compressed depth maps
+    Size,
+    /// Seconds, texels evaluated and peak memory of bakes; proofs against the exhaustive builder
+    Bake,
+    /// Nanoseconds per lookup against plain arrays
+    Query,
+    /// Wrong receivers against ray casting, and those of plain shadow maps at their best bias
+    Accuracy,
+    /// One bake in a process of its own
+    #[value(hide = true)]
+    OneBake,
+}
+
+/// Why a suite ended, and with which exit code.
+#[derive(Debug)]
+pub struct Failure {
+    code: u8,
+    message: String,
+}
+
+impl Failure {
+    /// Input that can't be read or isn't valid.
+    fn input(message: impl ToString) -> Self {
+        Failure { code: 3, message: message.to_string() }
+    }
+
+    /// A target that can't be written, or not enough memory.
+    fn target(message: impl ToString) -> Self {
+        Failure { code: 5, message: message.to_string() }
+    }
+}
+
+impl From<umbrage::reader::ReaderError> for Failure {
+    fn from(e: umbrage::reader::ReaderError) -> Self {
+        Failure { code: 4, message: e.to_string() }
+    }
+}
+
+fn run(args: &Args) -> Result<(), Failure> {
+    let report = match args.suite {
+        Suite::Size => suite::size::run(args)?,
+        Suite::Bake => suite::bake::run(args)?,
+        Suite::Query => suite::query::run(args)?,
+        Suite::Accuracy => suite::accuracy::run(args)?,
+        Suite::OneBake => return suite::bake::one(args),
+    };
+    report.show(args.json);
+    match &args.report {
+        Some(folder) => report.draw(folder),
+        None => Ok(()),
+    }
+}
+
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("bench-umbrage: {}", failure.message);
+            ExitCode::from(failure.code)
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! SVG pictures: series over two logarithmic axes, and the lower hull of time against error.
+
+use std::path::Path;
+
+use plotters::prelude::*;
+
+use crate::Failure;
+
+/// Points of one method.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// What the legend says.
+    pub name: String,
+    /// x, y; what is not above 0 is drawn at the axis.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// One picture.
+#[derive(Clone, Debug)]
+pub struct Plot {
+    /// Heading.
+    pub title: String,
+    /// Names of the axes.
+    pub axes: [String; 2],
+    /// The methods.
+    pub series: Vec<Series>,
+    /// Mark the lower hull: methods worth keeping.
+    pub hull: bool,
+}
+
+/// The points that no other beats on both axes and that no mix of two others beats: lower convex hull from the left-most
+/// to the lowest.
+pub fn lower_hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let mut hull: Vec<[f64; 2]> = Vec::new();
+    for p in sorted {
+        if hull.last().is_some_and(|last| p[1] >= last[1]) {
+            continue;
+        }
+        while let [.., a, b] = hull[..] {
+            if (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0.0 {
+                break;
+            }
+            hull.pop();
+        }
+        hull.push(p);
+    }
+    hull
+}
+
+impl Plot {
+    /// Writes the picture.
+    pub fn write(&self, path: &Path) -> Result<(), Failure> {
+        self.draw(path).map_err(|e| Failure::target(format!("{}: {e}", path.display())))
+    }
+
+    fn draw(&self, path: &Path) -> Result<(), Box<dyn std::error::Error>> {
+        let all = || self.series.iter().flat_map(|s| &s.points);
+        let range = |axis: usize| {
+            let above = || all().map(|p| p[axis]).filter(|v| *v > 0.0 && v.is_finite());
+            let (low, high) = (above().fold(f64::INFINITY, f64::min), above().fold(0.0, f64::max));
+            let (low, high) = if low < high { (low, high) } else if high > 0.0 { (high, high) } else { (0.1, 1.0) };
+            // Values of 0 lie on the axis: a decade below the least that is above it.
+            let zero = all().any(|p| p[axis] <= 0.0);
+            (low / if zero { 10.0 } else { 1.5 })..(high * 1.5)
+        };
+        let (x, y) = (range(0), range(1));
+        let (least_x, least_y) = (x.start, y.start);
+        let at = |p: &[f64; 2]| (p[0].max(least_x), p[1].max(least_y));
+        let root = SVGBackend::new(path, (900, 560)).into_drawing_area();
+        root.fill(&WHITE)?;
+        let mut chart = ChartBuilder::on(&root)
+            .caption(&self.title, ("sans-serif", 20))
+            .margin(12)
+            .x_label_area_size(44)
+            .y_label_area_size(76)
+            .build_cartesian_2d(x.log_scale(), y.log_scale())?;
+        let number = |v: &f64| if (0.01..1e5).contains(v) { format!("{v}") } else { format!("{v:e}") };
+        chart
+            .configure_mesh()
+            .x_desc(&self.axes[0])
+            .y_desc(&self.axes[1])
+            .x_label_formatter(&number)
+            .y_label_formatter(&number)
+            .light_line_style(WHITE)
+            .draw()?;
+        if self.hull {
+            // On the axes as drawn, so that the line bends where the eye expects it to.
+            let log: Vec<[f64; 2]> = all().map(|p| { let (x, y) = at(p); [x.ln(), y.ln()] }).collect();
+            let hull = lower_hull(&log).into_iter().map(|p| (p[0].exp(), p[1].exp()));
+            let style = ShapeStyle { color: BLACK.mix(0.35), filled: false, stroke_width: 4 };
+            chart.draw_series(LineSeries::new(hull, style))?.label("lower hull").legend(move |(x, y)| {
+                PathElement::new(vec![(x, y), (x + 18, y)], style)
+            });
+        }
+        for (i, series) in self.series.iter().enumerate() {
+            let color = Palette99::pick(i).to_rgba();
+            let mut points: Vec<(f64, f64)> = series.points.iter().map(at).collect();
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            chart
+                .draw_series(LineSeries::new(points, color.stroke_width(2)).point_size(4))?
+                .label(&series.name)
+                .legend(move |(x, y)| Circle::new((x + 9, y), 4, color.filled()));
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .background_style(WHITE.mix(0.85))
+            .border_style(BLACK.mix(0.3))
+            .draw()?;
+        root.present()?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hull_bends_downwards_only() {
+        let points = [[1.0, 9.0], [2.0, 8.5], [3.0, 2.0], [4.0, 3.0], [5.0, 1.9], [9.0, 1.0], [1.5, 9.5]];
+        assert_eq!(lower_hull(&points), [[1.0, 9.0], [3.0, 2.0], [9.0, 1.0]]);
+        assert!(lower_hull(&[]).is_empty());
+    }
+}

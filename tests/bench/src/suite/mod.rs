@@ -1,0 +1,6 @@
+//! The suites, one file each: `run(&Args) -> Result<Report, Failure>`.
+
+pub mod accuracy;
+pub mod bake;
+pub mod query;
+pub mod size;
