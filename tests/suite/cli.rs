@@ -311,8 +311,7 @@ fn targets_that_cannot_be_written_are_said_so_and_stay_as_they_are() {
 /// Runs a line of the shell in the folder, `$U` being the program.
 #[cfg(unix)]
 fn shell(place: &Place, script: &str) -> Output {
-    let mut c = Command::new("sh");
-    c.current_dir(&place.0).env("U", env!("CARGO_BIN_EXE_umbrage")).args(["-c", script]).output().unwrap()
+    Command::new("sh").current_dir(&place.0).env("U", env!("CARGO_BIN_EXE_umbrage")).args(["-c", script]).output().unwrap()
 }
 
 #[cfg(unix)]
@@ -331,9 +330,9 @@ fn a_full_disk_leaves_the_old_target_and_nothing_else() {
         "mount -t tmpfs -o size=32k none disk || exit 77; echo old > disk/map.umb; {bake} disk/map.umb; code=$?; \
          [ \"$(ls -A disk)\" = map.umb ] && [ \"$(cat disk/map.umb)\" = old ] || exit 78; exit $code"
     );
-    let out = Command::new("unshare").args(["-rm", "sh", "-c", &script]).current_dir(&place.0);
-    let out = out.env("U", env!("CARGO_BIN_EXE_umbrage")).output();
-    match out {
+    let mut own = Command::new("unshare");
+    own.args(["-rm", "sh", "-c", &script]).current_dir(&place.0).env("U", env!("CARGO_BIN_EXE_umbrage"));
+    match own.output() {
         Ok(out) if out.status.code() == Some(5) => {
             assert!(error(&out, 5, &["tmpfs"]).contains("disk/map.umb: no space left"));
         }

@@ -45,7 +45,8 @@ fn stored(tree: &umbrage::writer::hierarchy::build::Tree, resolution: u32, x: u3
 
 fn check(mesh: &Mesh, direction: [f64; 3], resolution: u32, policy: Policy, exhaustive: bool) {
     let k = frame::log2_resolution(resolution.into()).unwrap();
-    let lattice = frame::orthographic(direction, k, &mesh.positions, 0.0).unwrap();
+    let behind = if let Policy::Thickness(t) = policy { t } else { 0.0 };
+    let lattice = frame::orthographic(direction, k, &mesh.positions, behind).unwrap();
     let snapped = snap(mesh, lattice, policy).unwrap();
     let tree = build(&snapped, Options { exhaustive }, &Default::default()).unwrap();
     let oracle = Oracle::new(&snapped);
@@ -65,6 +66,94 @@ fn generated_scenes_store_only_right_values() {
         for (i, d) in LIGHTS.into_iter().enumerate() {
             for resolution in [1, 16, 64, 256, 1024] {
                 check(&mesh, d, resolution, Policy::Closed, i == 1 && resolution <= 64);
+            }
+        }
+    }
+}
+
+/// A sequence that is the same everywhere.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self, below: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 33) % below
+    }
+
+    /// -1 to 1, from few values so that coincidences happen.
+    fn coarse(&mut self) -> f64 {
+        self.next(9) as f64 / 4.0 - 1.0
+    }
+
+    fn fine(&mut self) -> f64 {
+        self.next(1 << 30) as f64 / (1u64 << 29) as f64 - 1.0
+    }
+}
+
+/// Boxes (some turned, flat, needle-like, sharing planes), tetrahedra, loose triangles.
+fn soup(seed: u64, open: bool) -> Mesh {
+    let mut r = Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
+    let mut mesh = Mesh::default();
+    for _ in 0..1 + r.next(6) {
+        let lattice = r.next(2) == 0;
+        let coordinate = |r: &mut Random| if lattice { r.coarse() } else { r.fine() };
+        let mut part = Mesh::default();
+        match r.next(if open { 4 } else { 3 }) {
+            0 | 1 => {
+                let centre = [0; 3].map(|_| coordinate(&mut r));
+                let half = [0; 3].map(|_| if r.next(5) == 0 { 0.01 } else { coordinate(&mut r).abs() + 0.05 });
+                let turn = if r.next(3) == 0 { r.fine() } else { 0.0 };
+                // a rational turn about y and a shear keep it closed and convex
+                let (c, s) = ((1.0 - turn * turn) / (1.0 + turn * turn), 2.0 * turn / (1.0 + turn * turn));
+                for i in 0..8 {
+                    let p = [0, 1, 2].map(|a| if i >> a & 1 == 1 { half[a] } else { -half[a] });
+                    part.positions.push([
+                        centre[0] + c * p[0] + s * p[2],
+                        centre[1] + p[1] + turn * 0.3 * p[0],
+                        centre[2] - s * p[0] + c * p[2],
+                    ]);
+                }
+                let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+                for [a, b, c, d] in quads {
+                    part.triangles.extend([[a, b, c], [a, c, d]]);
+                }
+            }
+            2 => {
+                part.positions = (0..4).map(|_| [0; 3].map(|_| coordinate(&mut r))).collect();
+                part.triangles = vec![[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]];
+            }
+            _ => {
+                part.positions = (0..3).map(|_| [0; 3].map(|_| coordinate(&mut r))).collect();
+                part.triangles = vec![[0, 1, 2]];
+            }
+        }
+        if r.next(6) == 0 {
+            part.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        mesh.append(&part);
+    }
+    mesh
+}
+
+#[test]
+fn adversarial_solids_store_only_right_values() {
+    let seeds: u64 = std::env::var("UMBRAGE_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(400);
+    for seed in 0..seeds {
+        let open = seed % 2 == 1;
+        let mesh = soup(seed, open);
+        let policies: &[Policy] = if open {
+            &[Policy::Auto, Policy::OneSided, Policy::SecondSurface, Policy::Thickness(0.07)]
+        } else {
+            &[Policy::Closed, Policy::SecondSurface]
+        };
+        let light = match seed % 3 {
+            0 => [0.0, -1.0, 0.0],
+            1 => [0.4, -0.8, 0.3],
+            _ => LIGHTS[1 + seed as usize / 3 % 3],
+        };
+        for policy in policies {
+            for resolution in [4, 32] {
+                check(&mesh, light, resolution, *policy, seed % 5 == 0);
             }
         }
     }

@@ -158,7 +158,7 @@ pub fn snap(mesh: &Mesh, lattice: Lattice, policy: Policy) -> Result<SnappedMesh
         Policy::Thickness(t) => (t / frame::depth_step(&lattice)).ceil().clamp(0.0, 4294901760.0) as u32,
         _ => 0,
     };
-    let all_sheets = matches!(policy, Policy::OneSided | Policy::SecondSurface);
+    let all_sheets = policy == Policy::OneSided;
     let solids: Vec<SolidKind> = boundary
         .iter()
         .map(|b| if *b > 0 || all_sheets { SolidKind::Sheet { thickness } } else { SolidKind::Closed })

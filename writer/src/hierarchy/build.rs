@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use crate::interval::Interval;
 use crate::interval::proof::Prover;
 use crate::interval::ray::Rays;
-use crate::interval::texel::{Effort, Scratch, texel};
+use crate::interval::texel::{Effort, Scratch, is_open, texel};
 use crate::interval::triangle::{Cover, Local, Surface, surfaces};
 use crate::solid::SnappedMesh;
 
@@ -217,7 +217,7 @@ impl Tile<'_> {
         let p = [0, 1].map(|i| (i64::from(at.origin[i]) << bits) - corner[i]);
         let size = 1i64 << (at.level + bits);
         let list = &self.stack[start..];
-        if list.is_empty() {
+        if is_open(self.rays.locals, list) {
             return Node::uniform(Interval::UNCOVERED);
         }
         if at.level == 0 {

@@ -68,7 +68,7 @@ impl<'a> Cell<'a> {
         let mut faces = Vec::new();
         for &i in list {
             let l = &rays.locals[i as usize];
-            if l.ceil_range(p[0], p[1], size).0 > hi {
+            if l.event == Event::Wall || l.ceil_range(p[0], p[1], size).0 > hi {
                 continue;
             }
             let s = &rays.surfaces[l.index as usize];

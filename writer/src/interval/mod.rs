@@ -24,6 +24,9 @@ pub enum Event {
     Enter,
     /// It leaves the solid.
     Leave,
+    /// Nothing: the surface of a closed solid is seen edge-on. It covers no open cell, but a solid's counter may differ
+    /// on its two sides.
+    Wall,
 }
 
 /// A closed range of lattice depths.

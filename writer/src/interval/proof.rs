@@ -6,8 +6,9 @@
 //! Argument. Take one solid c. Let X be the smallest ceil(depth) of any of its exits in the square and F its entries
 //! whose largest ceil(depth) is below X. At the depth v0 = (smallest of the largest depths of entries in F that cover
 //! the whole square; else the largest depth in F) every ray is inside c: in the first case because it has passed an
-//! entry and no exit, in the second because no surface of c crosses depth v0 (the other entries begin behind it), so
-//! c's counter there is one number over the whole square, and it is counted at one ray. The ray stays inside c up to
+//! entry and no exit, in the second because no surface of c crosses depth v0 (the other entries begin behind it, walls seen edge-on end
+//! before it or begin behind), so
+//! c's counter there is one number over the whole square (c is closed), and it is counted at one ray. The ray stays inside c up to
 //! X: the *slab* [v0, X - 1] of c. Take the slab that begins first, [v, h]. Every lo is at most v. A ray can be out
 //! of all solids between its lo and v only after an exit of another solid in front of c's entry: refuse unless each
 //! exit that begins at or before v lies nowhere in front of c's entries (compared as planes over the square). Another
@@ -97,7 +98,7 @@ impl Prover {
             let l = &locals[i as usize];
             let (mut low, mut high) = l.ceil_range(p[0], p[1], size);
             let all = l.cover(p[0], p[1], size) == Cover::All;
-            if close && !all {
+            if close && !all && l.event != Event::Wall {
                 self.polygon.square(p, size);
                 self.polygon.clip(l);
                 let (a, b) = self.polygon.range(l.z0, l.sx, l.sy);
@@ -186,7 +187,12 @@ impl Prover {
         if covering != i64::MAX {
             return Some((covering, last));
         }
-        if deepest == i64::MIN || others <= deepest {
+        // the counter changes at the rims of open geometry and at walls, too
+        let walled = (start..end).any(|k| {
+            let r = self.reach[k];
+            event(k) == Event::Wall && r.low <= deepest && deepest < r.high
+        });
+        if deepest == i64::MIN || others <= deepest || walled || !locals[list[start] as usize].closed {
             return None;
         }
         let centre = [p[0] + size / 2, p[1] + size / 2];
@@ -198,24 +204,33 @@ impl Prover {
     }
 
     /// Second-surface: a first group of surfaces that meets every ray exactly once, then a gap.
+    ///
+    /// How many surfaces of a closed component a ray meets before the gap is one number over the square if all of them
+    /// are entries or all are exits; of open geometry only what covers the square is met by every ray.
     fn prove_second(&mut self, locals: &[Local], list: &[u32], p: [i64; 2], size: i64) -> Option<Interval> {
-        let mut order: Vec<usize> = (0..list.len()).collect();
+        let mut order: Vec<usize> = (0..list.len()).filter(|k| locals[list[*k] as usize].event != Event::Wall).collect();
         order.sort_by_key(|k| (self.reach[*k].low, *k));
-        let centre = [p[0] + size / 2, p[1] + size / 2];
-        let mut met = 0;
+        let local = |k: usize| &locals[list[k] as usize];
         let mut highest = i64::MIN;
         for (n, &k) in order.iter().enumerate() {
-            met += i32::from(locals[list[k] as usize].covers(centre[0], centre[1], 1, 1));
             highest = highest.max(self.reach[k].high);
             let next = order.get(n + 1).map_or(DEEPEST + 1, |j| self.reach[*j].low);
-            if next > highest {
-                // nothing crosses this depth, so every ray has met as many surfaces as the one at the centre
-                match met {
-                    0 => {}
-                    1 => return interval(highest, next - 1),
-                    _ => return None,
-                }
+            if next <= highest {
+                continue;
             }
+            let group = &order[..=n];
+            let walled = (0..list.len()).any(|k| {
+                let r = self.reach[k];
+                local(k).event == Event::Wall && r.low <= highest && highest < r.high
+            });
+            let constant = |k: usize| {
+                let same = |j: &usize| local(*j).solid != local(k).solid || local(*j).event == local(k).event;
+                self.reach[k].all || (local(k).closed && !walled && group.iter().all(same))
+            };
+            let centre = [p[0] + size / 2, p[1] + size / 2];
+            let met = group.iter().filter(|k| local(**k).covers(centre[0], centre[1], 1, 1)).count();
+            // a group that meets no ray, or more than one, settles nothing
+            return if met == 1 && group.iter().all(|k| constant(*k)) { interval(highest, next - 1) } else { None };
         }
         None
     }

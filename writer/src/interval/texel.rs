@@ -5,7 +5,7 @@ use super::cell::Cell;
 use super::proof::Prover;
 use super::ray::{RayScratch, Rays, Stretch};
 use super::triangle::{Cover, Local};
-use super::{DEEPEST, Interval};
+use super::{DEEPEST, Event, Interval};
 
 /// What a texel may store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,6 +85,11 @@ impl Bounds {
     }
 }
 
+/// Whether nothing in the list covers any of its square.
+pub fn is_open(locals: &[Local], list: &[u32]) -> bool {
+    list.iter().all(|i| locals[*i as usize].event == Event::Wall)
+}
+
 /// Whether all surfaces cover the square and no two of them cross or touch in it.
 fn layered(rays: &Rays, list: &[u32], p: [i64; 2], size: i64) -> bool {
     let local = |i: &u32| &rays.locals[*i as usize];
@@ -108,7 +113,7 @@ fn layered(rays: &Rays, list: &[u32], p: [i64; 2], size: i64) -> bool {
 /// The truth for the texel at tile-relative lattice point `p`; `list` holds the surfaces that overlap its open square,
 /// sorted by solid.
 pub fn texel(rays: &Rays, list: &[u32], p: [i64; 2], size: i64, scratch: &mut Scratch) -> Truth {
-    if list.is_empty() {
+    if is_open(rays.locals, list) {
         return Truth { interval: Interval::UNCOVERED, certified: true, thin: false };
     }
     if let Some(interval) = scratch.prover.prove(rays.locals, list, p, size, rays.second_surface, false) {
@@ -180,7 +185,7 @@ fn settle(
     scratch: &mut Scratch,
 ) -> Settled {
     let Square { p, size, texel } = square;
-    if list.is_empty() {
+    if is_open(rays.locals, list) {
         // the rest of the texel is covered
         return Settled::Edge;
     }

@@ -8,7 +8,7 @@ use std::cmp::Ordering;
 use super::Event;
 use crate::solid::{SnappedMesh, SolidKind};
 
-/// One surface that light rays cross: entered or left, never edge-on.
+/// One surface that light rays cross, entered or left, or the wall of a closed solid seen edge-on.
 ///
 /// A sheet with thickness is two of these, the second one shifted along the light.
 #[derive(Clone, Copy, Debug)]
@@ -23,6 +23,8 @@ pub struct Surface {
     pub solid: u32,
     /// What happens to the ray there.
     pub event: Event,
+    /// The solid is a closed component (with cavities), so its counter only changes at its surfaces.
+    pub closed: bool,
 }
 
 /// All surfaces of a mesh, sorted by solid, then by their order in the mesh.
@@ -34,8 +36,12 @@ pub fn surfaces(mesh: &SnappedMesh) -> Vec<Surface> {
         let v = mesh.triangles[i as usize].map(|k| mesh.positions[k as usize]);
         let area = (i128::from(v[1][0]) - i128::from(v[0][0])) * (i128::from(v[2][1]) - i128::from(v[0][1]))
             - (i128::from(v[2][0]) - i128::from(v[0][0])) * (i128::from(v[1][1]) - i128::from(v[0][1]));
-        if area == 0 {
+        if area == 0 && mesh.solids[mesh.solid[i as usize] as usize] != SolidKind::Closed {
             // edge-on: covers no open cell of any texel
+            continue;
+        }
+        if v.iter().all(|p| p[..2] == v[0][..2]) {
+            // a point seen from the light separates nothing
             continue;
         }
         let v = if area > 0 { v } else { [v[0], v[2], v[1]] };
@@ -47,14 +53,17 @@ pub fn surfaces(mesh: &SnappedMesh) -> Vec<Surface> {
             z: v.map(|p| (p[2].clamp(1, i64::from(u32::MAX) - 1) as u32).saturating_add(shift).min(u32::MAX - 1)),
             solid,
             event,
+            closed: mesh.solids[solid as usize] == SolidKind::Closed,
         };
         match mesh.solids[solid as usize] {
-            _ if mesh.second_surface => out.push(surface(Event::Enter, 0)),
             // counter-clockwise from outside and seen counter-clockwise along +z means the normal points along +z
+            SolidKind::Closed if area == 0 => out.push(surface(Event::Wall, 0)),
             SolidKind::Closed => out.push(surface(if area < 0 { Event::Enter } else { Event::Leave }, 0)),
             SolidKind::Sheet { thickness } => {
                 out.push(surface(Event::Enter, 0));
-                out.push(surface(Event::Leave, thickness));
+                if !mesh.second_surface {
+                    out.push(surface(Event::Leave, thickness));
+                }
             }
         }
     }
@@ -134,12 +143,14 @@ pub struct Local {
     pub solid: u32,
     /// What happens to the ray there.
     pub event: Event,
+    /// See [`Surface::closed`].
+    pub closed: bool,
     /// Index among all surfaces, for exact depths.
     pub index: u32,
 }
 
 impl Surface {
-    /// Doubled projected area, positive.
+    /// Doubled projected area, positive; 0 for walls.
     pub fn area(&self) -> i128 {
         let d = |a: u32, b: u32| i128::from(a) - i128::from(b);
         d(self.x[1], self.x[0]) * d(self.y[2], self.y[0]) - d(self.x[2], self.x[0]) * d(self.y[1], self.y[0])
@@ -179,6 +190,9 @@ impl Surface {
         }
         (0..3).all(|k| {
             let (a, b, c) = self.edge(k);
+            if a == 0 && b == 0 {
+                return true;
+            }
             let px = if a > 0 { x + size } else { x };
             let py = if b > 0 { y + size } else { y };
             i128::from(a) * i128::from(px) + i128::from(b) * i128::from(py) + c > 0
@@ -190,6 +204,10 @@ impl Surface {
         let (mut la, mut lb, mut lc) = ([0i64; 3], [0i64; 3], [1i64; 3]);
         for k in 0..3 {
             let (a, b, c) = self.edge(k);
+            if a == 0 && b == 0 {
+                // an edge of a wall that runs along the light bounds nothing
+                continue;
+            }
             let at = i128::from(a) * i128::from(x) + i128::from(b) * i128::from(y) + c;
             let least = at + i128::from(a.min(0)) * i128::from(size) + i128::from(b.min(0)) * i128::from(size);
             if least < 0 {
@@ -203,8 +221,9 @@ impl Surface {
                 lc[k] = at as i64;
             }
         }
-        let (gx, gy) = self.slope();
-        let den = self.area() as f64;
+        // a wall has no plane over (x, y); only its corners' depths are used
+        let (gx, gy) = if self.event == Event::Wall { (0, 0) } else { self.slope() };
+        let den = if self.event == Event::Wall { 1.0 } else { self.area() as f64 };
         let (sx, sy) = (gx as f64 / den, gy as f64 / den);
         let rel = |v: &[u32; 3], o: i64| v.map(|c| i64::from(c) - o);
         let (rx, ry) = (rel(&self.x, x), rel(&self.y, y));
@@ -231,6 +250,7 @@ impl Surface {
             eps,
             solid: self.solid,
             event: self.event,
+            closed: self.closed,
             index,
         }
     }
@@ -269,6 +289,9 @@ impl Local {
     /// Bounds of ceil(depth) over the part of the surface in the square: `lowest <= ceil(z) <= highest`.
     #[inline]
     pub fn ceil_range(&self, x: i64, y: i64, size: i64) -> (i64, i64) {
+        if self.event == Event::Wall {
+            return (self.zmin, self.zmax);
+        }
         let z = self.z0 + self.sx * x as f64 + self.sy * y as f64;
         let (dx, dy) = (self.sx * size as f64, self.sy * size as f64);
         let low = z + dx.min(0.0) + dy.min(0.0) - self.eps;

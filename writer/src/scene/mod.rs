@@ -15,6 +15,7 @@ mod building;
 mod check;
 mod city;
 mod forest;
+pub mod load;
 mod random;
 mod scan;
 mod shape;

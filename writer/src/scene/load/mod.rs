@@ -144,12 +144,10 @@ fn finish(scene: &mut Loaded) -> Result<(), Fault> {
         return Ok(());
     }
     let mut next = 0;
-    for i in 0..place.len() {
-        if place[i] == 0 {
-            place[i] = next;
-            mesh.positions[next as usize] = mesh.positions[i];
-            next += 1;
-        }
+    for (i, place) in place.iter_mut().enumerate().filter(|(_, p)| **p == 0) {
+        *place = next;
+        mesh.positions[next as usize] = mesh.positions[i];
+        next += 1;
     }
     mesh.positions.truncate(next as usize);
     mesh.triangles.iter_mut().for_each(|t| *t = t.map(|i| place[i as usize]));
@@ -170,6 +168,9 @@ mod tests {
         let missing = folder.0.join("no.obj");
         assert_eq!(refusal(&missing).fault, Fault::Missing);
         assert_eq!(refusal(&folder.0).fault, Fault::Directory);
+        assert_eq!(refusal(&missing.join("below.obj")).fault, Fault::Missing);
+        #[cfg(unix)]
+        assert_eq!(refusal(Path::new("/dev/null")).fault, Fault::NotAFile);
         assert_eq!(refusal(&folder.write("a.ply", b"")).fault, Fault::Empty);
         assert!(matches!(refusal(&folder.write("a.stl", b"solid\nx")).fault, Fault::UnknownFormat { .. }));
         assert!(matches!(refusal(&folder.write("a", &[0; 99])).fault, Fault::UnknownFormat { .. }));

@@ -3,6 +3,8 @@
 use super::polygon::Fans;
 use super::{Fault, Loaded, text};
 
+/// The most elements; files have two or three, and each is compared with all others.
+const MOST_ELEMENTS: usize = 256;
 /// The longest header line; a longer one is not a header.
 const LONGEST_LINE: usize = 4096;
 
@@ -335,6 +337,9 @@ fn header(bytes: &[u8]) -> Result<Header, Fault> {
             [b"element", name, count] => {
                 if elements.iter().any(|e| e.name == *name) {
                     return Err(wrong("each element once"));
+                }
+                if elements.len() == MOST_ELEMENTS {
+                    return Err(wrong(&format!("at most {MOST_ELEMENTS} elements")));
                 }
                 let count = text::number(count).ok_or_else(|| wrong("a whole number of elements"))?;
                 elements.push(Element { name: name.to_vec(), count, properties: Vec::new() });

@@ -2,8 +2,8 @@
 
 use crate::mesh::Mesh;
 
-/// Corners up to which other fans are tried for a polygon whose first corner does not see all of it.
-const TRIED: usize = 64;
+/// How many other corners are tried for a polygon whose first does not see all of it; more would let a file take long.
+const TRIED: usize = 16;
 
 /// Collects triangles of polygons; remembers those with more than three corners until all vertices are known.
 #[derive(Default)]
@@ -34,7 +34,7 @@ impl Fans {
             let corners: Vec<u32> =
                 [fan[0][0], fan[0][1]].into_iter().chain(fan.iter().map(|t: &[u32; 3]| t[2])).collect();
             let n = corners.len();
-            let turned = (1..n.min(TRIED)).find_map(|k| {
+            let turned = (1..n.min(TRIED + 1)).find_map(|k| {
                 let at = |i: usize| corners[(k + i) % n];
                 let fan: Vec<[u32; 3]> = (1..n - 1).map(|i| [at(0), at(i), at(i + 1)]).collect();
                 (!folds(&mesh.positions, &fan)).then_some(fan)

@@ -1,8 +1,9 @@
 //! Bytes behind the JSON: chunks of GLB, buffers, accessors.
 
 use std::borrow::Cow;
+use std::cell::Cell;
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use base64::Engine;
@@ -11,6 +12,10 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use super::json::{Accessor, Index, Root};
 use super::{Fault, text};
+
+/// Elements that may be read of any file, and how many more for each of its bytes. Meshes alone never come near.
+const EFFORT: u64 = 1 << 30;
+const EFFORT_PER_BYTE: u64 = 64;
 
 /// Some exporters leave the padding out.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
@@ -66,7 +71,7 @@ fn cut(at: String, expected: usize, found: usize) -> Fault {
 pub struct Sources<'a> {
     /// The folder that relative paths start from.
     pub folder: &'a Path,
-    read: HashMap<String, Arc<Vec<u8>>>,
+    read: HashMap<PathBuf, Arc<Vec<u8>>>,
 }
 
 impl<'a> Sources<'a> {
@@ -84,10 +89,6 @@ impl<'a> Sources<'a> {
             }
             return BASE64.decode(data).map(Arc::new).map_err(|e| bad(text::line(&e.to_string())));
         }
-        // Many buffers may name one file; it takes memory once.
-        if let Some(bytes) = self.read.get(uri) {
-            return Ok(bytes.clone());
-        }
         let name = percent_decoded(uri);
         let scheme = name.split_once(':').is_some_and(|(s, _)| s.bytes().all(|b| b.is_ascii_alphanumeric()));
         if scheme || Path::new(&*name).has_root() {
@@ -98,8 +99,14 @@ impl<'a> Sources<'a> {
             });
         }
         let external = |fault| Fault::External { at: at.into(), file: name.to_string(), fault: Box::new(fault) };
-        let bytes = Arc::new(super::super::read(&self.folder.join(&*name)).map_err(external)?);
-        self.read.insert(uri.into(), bytes.clone());
+        let path = self.folder.join(&*name);
+        // Many buffers may name one file, in many ways; it takes memory once.
+        let path = path.canonicalize().unwrap_or(path);
+        if let Some(bytes) = self.read.get(&path) {
+            return Ok(bytes.clone());
+        }
+        let bytes = Arc::new(super::super::read(&path).map_err(external)?);
+        self.read.insert(path, bytes.clone());
         Ok(bytes)
     }
 }
@@ -126,6 +133,8 @@ pub struct Data<'a> {
     buffers: Vec<Bytes<'a>>,
     /// All bytes there are: an accessor without bytes of its own may not have more elements.
     pub size: usize,
+    /// What reading has cost so far, in elements.
+    spent: Cell<u64>,
 }
 
 /// A buffer: read or decoded, or a part of the file.
@@ -158,7 +167,7 @@ impl<'a> Data<'a> {
         binary: Option<&'a [u8]>,
         size: usize,
     ) -> Result<Data<'a>, Fault> {
-        let mut data = Data { root, buffers: Vec::new(), size };
+        let mut data = Data { root, buffers: Vec::new(), size, spent: Cell::new(0) };
         for (i, buffer) in root.buffers.iter().enumerate() {
             let at = format!("buffer {i}");
             let bytes = match (&buffer.uri, binary) {
@@ -214,49 +223,81 @@ impl<'a> Data<'a> {
         Ok(Span { bytes: bytes.get(offset as usize..).unwrap_or(&[]), stride: stride as usize })
     }
 
+    /// Counts work. A small file may name one list many times and would else take hours.
+    pub fn spend(&self, cost: u64, at: &str) -> Result<(), Fault> {
+        let most = EFFORT + EFFORT_PER_BYTE * self.size as u64;
+        self.spent.set(self.spent.get().saturating_add(cost));
+        if self.spent.get() <= most {
+            return Ok(());
+        }
+        let (most, found) = (format!("{most} elements to read for a file of this size"), "more".into());
+        Err(Fault::TooLarge { at: at.into(), most, found })
+    }
+
     /// The elements of an accessor of N components, whatever their type; normalized ones within -1..=1.
     pub fn read<const N: usize>(&self, index: Index, at: &str) -> Result<Vec<[f64; N]>, Fault> {
         let at = format!("{at}, accessor {index}");
-        let accessor = super::get(&self.root.accessors, index, "accessors", &at)?;
-        let shape = ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1];
-        if accessor.shape != shape {
-            return Err(Fault::syntax(at, shape, text::quote(accessor.shape.as_bytes())));
-        }
-        let kind = accessor.component_type;
-        let size = component_size(kind, &at)? * N;
-        let element = |bytes: &[u8]| {
-            let mut value = [0.0; N];
-            for (value, bytes) in value.iter_mut().zip(bytes.chunks_exact(size / N)) {
-                *value = component(bytes, kind, accessor.normalized);
-            }
-            value
-        };
+        let (accessor, element) = self.element::<N>(index, &at)?;
         let count = self.checked_count(accessor, &at)?;
+        self.spend(count as u64, &at)?;
         let mut values = match accessor.buffer_view {
             Some(view) => {
-                let span = self.span(view, accessor.byte_offset, accessor.count, size, &at)?;
-                (0..count).map(|i| element(&span.bytes[i * span.stride..][..size])).collect()
+                let span = self.span(view, accessor.byte_offset, accessor.count, element.size, &at)?;
+                (0..count).map(|i| element.value(&span, i)).collect()
             }
             None => vec![[0.0; N]; count],
         };
         if let Some(sparse) = &accessor.sparse {
             let at = format!("{at}, sparse");
-            let kind = sparse.indices.component_type;
-            let wide = component_size(kind, &at)?;
-            let places = self.span(sparse.indices.buffer_view, sparse.indices.byte_offset, sparse.count, wide, &at)?;
-            let news = self.span(sparse.values.buffer_view, sparse.values.byte_offset, sparse.count, size, &at)?;
+            let place = Element::<1>::new(sparse.indices.component_type, false, &at)?;
+            let places =
+                self.span(sparse.indices.buffer_view, sparse.indices.byte_offset, sparse.count, place.size, &at)?;
+            let news =
+                self.span(sparse.values.buffer_view, sparse.values.byte_offset, sparse.count, element.size, &at)?;
+            self.spend(sparse.count, &at)?;
             for i in 0..sparse.count as usize {
-                let place = component(&places.bytes[i * places.stride..][..wide], kind, false);
+                let [place] = place.value(&places, i);
                 let value = values.get_mut(place as usize).filter(|_| place >= 0.0).ok_or_else(|| Fault::Index {
                     at: format!("{at} index {i}"),
                     what: "elements",
                     count,
                     found: place.to_string(),
                 })?;
-                *value = element(&news.bytes[i * news.stride..][..size]);
+                *value = element.value(&news, i);
             }
         }
         Ok(values)
+    }
+
+    /// The elements at `places`, all below `count`, which the accessor must have.
+    pub fn gather<const N: usize>(
+        &self,
+        index: Index,
+        places: &[u32],
+        count: usize,
+        at: &str,
+    ) -> Result<Vec<[f64; N]>, Fault> {
+        let here = format!("{at}, accessor {index}");
+        let (accessor, element) = self.element::<N>(index, &here)?;
+        if accessor.count != count as u64 {
+            let expected = format!("{count} elements, one for each vertex");
+            return Err(Fault::syntax(here, expected, accessor.count.to_string()));
+        }
+        if let (Some(view), None) = (accessor.buffer_view, &accessor.sparse) {
+            let span = self.span(view, accessor.byte_offset, accessor.count, element.size, &here)?;
+            return Ok(places.iter().map(|i| element.value(&span, *i as usize)).collect());
+        }
+        let all = self.read::<N>(index, at)?;
+        Ok(places.iter().map(|i| all[*i as usize]).collect())
+    }
+
+    fn element<const N: usize>(&self, index: Index, at: &str) -> Result<(&'a Accessor, Element<N>), Fault> {
+        let accessor = super::get(&self.root.accessors, index, "accessors", at)?;
+        let shape = ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1];
+        if accessor.shape != shape {
+            return Err(Fault::syntax(at, shape, text::quote(accessor.shape.as_bytes())));
+        }
+        Ok((accessor, Element::new(accessor.component_type, accessor.normalized, at)?))
     }
 
     fn checked_count(&self, accessor: &Accessor, at: &str) -> Result<usize, Fault> {
@@ -269,13 +310,34 @@ impl<'a> Data<'a> {
     }
 }
 
-fn component_size(kind: u32, at: &str) -> Result<usize, Fault> {
-    Ok(match kind {
-        5120 | 5121 => 1,
-        5122 | 5123 => 2,
-        5125 | 5126 => 4,
-        _ => return Err(Fault::syntax(at, "a component type from 5120 to 5126 except 5124", kind.to_string())),
-    })
+/// How elements of N components are stored.
+struct Element<const N: usize> {
+    kind: u32,
+    normalized: bool,
+    /// Bytes of all components.
+    size: usize,
+}
+
+impl<const N: usize> Element<N> {
+    fn new(kind: u32, normalized: bool, at: &str) -> Result<Element<N>, Fault> {
+        let size = match kind {
+            5120 | 5121 => 1,
+            5122 | 5123 => 2,
+            5125 | 5126 => 4,
+            _ => return Err(Fault::syntax(at, "a component type from 5120 to 5126 except 5124", kind.to_string())),
+        };
+        Ok(Element { kind, normalized, size: size * N })
+    }
+
+    /// Element `i` of a span that was made for this size.
+    fn value(&self, span: &Span, i: usize) -> [f64; N] {
+        let mut value = [0.0; N];
+        let bytes = &span.bytes[i * span.stride..][..self.size];
+        for (value, bytes) in value.iter_mut().zip(bytes.chunks_exact(self.size / N)) {
+            *value = component(bytes, self.kind, self.normalized);
+        }
+        value
+    }
 }
 
 /// `bytes` are as many as the type has.

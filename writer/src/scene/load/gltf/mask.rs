@@ -52,7 +52,7 @@ pub struct AlphaMask {
     /// Index of the material in the file.
     pub material: usize,
     /// From this alpha on (1 is opaque), a point is solid.
-    pub cutoff: f64,
+    pub cutoff: f32,
     /// The alpha of the base colour texture, or one opaque pixel.
     pub image: Arc<AlphaImage>,
     /// Along u and v.
@@ -73,9 +73,9 @@ pub enum Surface {
     Masked {
         /// Place in [`Masks::list`].
         mask: usize,
-        /// Texture coordinates of each vertex.
+        /// Texture coordinates of each corner.
         uv: Vec<[f32; 2]>,
-        /// Opacity of each vertex.
+        /// Opacity of each corner.
         opacity: Vec<f32>,
     },
 }
@@ -92,14 +92,15 @@ pub struct Masks {
 }
 
 impl Masks {
-    /// What a primitive's material does to it; `count` is the number of its vertices.
+    /// What a primitive's material does to it; `corners` are those of its `count` vertices
+    /// that it draws.
     pub fn surface(
         &mut self,
         root: &Root,
         data: &Data,
         sources: &mut Sources,
         primitive: &Primitive,
-        count: usize,
+        (corners, count): (&[u32], usize),
         at: &str,
     ) -> Result<Surface, Fault> {
         let Some(index) = primitive.material else { return Ok(Surface::Solid) };
@@ -119,20 +120,16 @@ impl Masks {
             root.accessors.get(**i).is_some_and(|a| a.shape == "VEC4")
         });
         if image.is_none() && coloured.is_none() {
-            return Ok(if f64::from(factor) >= material.alpha_cutoff { Surface::Solid } else { Surface::Hole });
+            return Ok(if factor >= material.alpha_cutoff as f32 { Surface::Solid } else { Surface::Hole });
         }
-        let (uv, opacity) = (
-            coordinates(data, primitive, material, count, at)?,
-            match coloured {
-                Some(colour) => {
-                    let at = format!("{at}, COLOR_0");
-                    let colours = data.read::<4>(*colour, &at)?;
-                    same_count(colours.len(), count, &at)?;
-                    colours.iter().map(|c| c[3] as f32 * factor).collect()
-                }
-                None => vec![factor; count],
-            },
-        );
+        let uv = coordinates(data, primitive, material, (corners, count), at)?;
+        let opacity: Vec<f32> = match coloured {
+            Some(colour) => {
+                let colours = data.gather::<4>(*colour, corners, count, &format!("{at}, COLOR_0"))?;
+                colours.iter().map(|c| c[3] as f32 * factor).collect()
+            }
+            None => vec![factor; corners.len()],
+        };
         if !opacity.iter().all(|o| o.is_finite()) {
             return Err(Fault::NotFinite { at: format!("{at}, COLOR_0"), found: "an opacity that isn't".into() });
         }
@@ -235,7 +232,7 @@ fn mask(root: &Root, material: &Material, index: Index, image: Option<Arc<AlphaI
     let opaque = || Arc::new(AlphaImage { width: 1, height: 1, alpha: vec![255] });
     Ok(AlphaMask {
         material: index,
-        cutoff: material.alpha_cutoff,
+        cutoff: material.alpha_cutoff as f32,
         image: image.unwrap_or_else(opaque),
         wrap: [wrap(sampler.wrap_s)?, wrap(sampler.wrap_t)?],
         linear: sampler.mag_filter != Some(9728),
@@ -248,18 +245,19 @@ fn coordinates(
     data: &Data,
     primitive: &Primitive,
     material: &Material,
-    count: usize,
+    (corners, count): (&[u32], usize),
     at: &str,
 ) -> Result<Vec<[f32; 2]>, Fault> {
-    let Some(info) = &material.pbr_metallic_roughness.base_color_texture else { return Ok(vec![[0.0; 2]; count]) };
+    let Some(info) = &material.pbr_metallic_roughness.base_color_texture else {
+        return Ok(vec![[0.0; 2]; corners.len()]);
+    };
     let still = TextureTransform { offset: [0.0; 2], rotation: 0.0, scale: [1.0; 2], tex_coord: None };
     let transform = info.extensions.transform.as_ref().unwrap_or(&still);
     let name = format!("TEXCOORD_{}", transform.tex_coord.unwrap_or(info.tex_coord));
     let at = format!("{at}, {name}");
     let accessor = primitive.attributes.get(&name);
     let accessor = accessor.ok_or_else(|| Fault::syntax(&at, "texture coordinates for alpha MASK", "none"))?;
-    let uv = data.read::<2>(*accessor, &at)?;
-    same_count(uv.len(), count, &at)?;
+    let uv = data.gather::<2>(*accessor, corners, count, &at)?;
     // Counter-clockwise as seen with v downwards.
     let (sin, cos) = transform.rotation.sin_cos();
     let transformed = uv.iter().enumerate().map(|(i, uv)| {
@@ -269,15 +267,8 @@ fn coordinates(
         if finite {
             Ok(uv)
         } else {
-            Err(Fault::NotFinite { at: format!("{at}, vertex {i}"), found: format!("{uv:?}") })
+            Err(Fault::NotFinite { at: format!("{at}, corner {i}"), found: format!("{uv:?}") })
         }
     });
     transformed.collect()
-}
-
-fn same_count(found: usize, expected: usize, at: &str) -> Result<(), Fault> {
-    if found == expected {
-        return Ok(());
-    }
-    Err(Fault::syntax(at, format!("{expected} elements, one for each vertex"), found.to_string()))
 }

@@ -5,7 +5,7 @@
 //! - `mask`: alpha MASK
 //!
 //! A small file may repeat a mesh by many nodes. Such a scene may have [`REPEATED`] triangles and vertices, and one more
-//! for every byte of the file and its buffers.
+//! for every byte of the file and its buffers; what may be read over and over is bounded likewise (`data`).
 
 mod data;
 mod json;
@@ -25,6 +25,9 @@ use mask::{Masks, Surface};
 
 /// The most triangles, and vertices, beyond one for each byte.
 const REPEATED: usize = 1 << 25;
+
+/// What a primitive costs, in elements to read.
+const PRIMITIVE: u64 = 256;
 
 /// Required extensions that do not change where surfaces are, or are followed.
 const FOLLOWED: [&str; 4] =
@@ -177,6 +180,7 @@ impl Walk<'_> {
         shared: &mut HashMap<Index, (usize, usize)>,
         at: &str,
     ) -> Result<(), Fault> {
+        self.data.spend(PRIMITIVE, at)?;
         match primitive.mode {
             0..=3 => {
                 self.seen.lines += 1;
@@ -206,12 +210,13 @@ impl Walk<'_> {
         if let Some(material) = primitive.material.and_then(|m| self.root.materials.get(m)) {
             self.seen.blended += usize::from(material.alpha_mode == "BLEND");
         }
-        let surface = self.masks.surface(self.root, &self.data, &mut self.sources, primitive, count, at)?;
+        let corners = self.corners(primitive, count, at)?;
+        let drawn = (corners.as_slice(), count);
+        let surface = self.masks.surface(self.root, &self.data, &mut self.sources, primitive, drawn, at)?;
         if matches!(surface, Surface::Hole) {
             self.seen.holes += 1;
             return Ok(());
         }
-        let corners = self.corners(primitive, count, at)?;
         let flip = determinant(transform) < 0.0;
         let triangles = triangles(primitive.mode, corners.len());
         self.seen.odd += usize::from(primitive.mode == 4 && corners.len() % 3 != 0);
@@ -220,15 +225,14 @@ impl Walk<'_> {
             if flip {
                 t.swap(1, 2);
             }
-            let t = t.map(|i| corners[i]);
             if let Surface::Masked { mask, uv, opacity } = &surface {
                 self.masks.list[*mask].triangles.push(MaskedTriangle {
                     triangle: self.scene.mesh.triangles.len() as u32,
-                    uv: t.map(|i| uv[i as usize]),
-                    opacity: t.map(|i| opacity[i as usize]),
+                    uv: t.map(|i| uv[i]),
+                    opacity: t.map(|i| opacity[i]),
                 });
             }
-            self.scene.mesh.triangles.push(t.map(|i| base as u32 + i));
+            self.scene.mesh.triangles.push(t.map(|i| base as u32 + corners[i]));
         }
         Ok(())
     }

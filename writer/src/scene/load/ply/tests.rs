@@ -169,6 +169,12 @@ fn faults_name_the_place() {
         let message = parse(file.as_bytes()).expect_err(file).to_string();
         assert!(message.starts_with(start), "{message}");
     }
+    let many: String = (0..300).map(|i| format!("element e{i} 0\n")).collect();
+    let message = parse(format!("ply\n{many}").as_bytes()).unwrap_err().to_string();
+    assert!(
+        message.starts_with("header line 258: expected at most 256 elements, found `element e256 0`;"),
+        "{message}"
+    );
     assert!(matches!(parse(&[b'x'; 5000]), Err(Fault::Syntax { .. })));
 }
 

@@ -102,6 +102,13 @@ fn faults_name_the_place() {
             format!("{place}, TEXCOORD_0, accessor 0: expected VEC2"),
             "`VEC3`",
         ),
+        (
+            masked(TEXTURED, &uri(&rgba), r#","TEXCOORD_0":5"#)
+                .replace("VEC4", "VEC2")
+                .replace("\"count\":3,\"type\":\"VEC2", "\"count\":2,\"type\":\"VEC2"),
+            format!("{place}, TEXCOORD_0, accessor 5: expected 3 elements"),
+            "2",
+        ),
         (masked(TEXTURED, &uri(b"GIF89a"), UV), "image 0: expected a PNG or JPEG".into(), "`GIF89a`"),
         (masked(TEXTURED, &uri(&rgba[..40]), UV), "image 0: expected a PNG".into(), ""),
         (masked(TEXTURED, &uri(&vast), UV), "image 0: expected 65535 x 65535 pixels".into(), ""),
