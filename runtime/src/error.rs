@@ -15,6 +15,14 @@ pub enum RuntimeError {
     /// The budget is too small for the structure.
     #[error(transparent)]
     Budget(#[from] BudgetError),
+    /// The roots wait for pages that never fit, or that wait for each other.
+    #[error("the roots need pages that do not fit {budget} bytes or need each other ({resident} pages came in)")]
+    Roots {
+        /// Pages that did come in.
+        resident: u32,
+        /// Bytes that were given.
+        budget: u64,
+    },
     /// No Vulkan adapter.
     #[error(
         "no Vulkan adapter was found ({reason}); install a driver, or the software one: \

@@ -14,7 +14,7 @@ use super::{Failure, TARGET, Watched, listen, load_scene, parse_numbers, parse_p
 /// Arguments of `bake`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// city:SEED[:SIZE], forest:SEED[:SIZE], scan:SEED[:SIZE], or a mesh file
+    /// city:SEED[:SIZE], forest:SEED[:SIZE], scan:SEED[:SIZE], or a .glb, .gltf, .obj or .ply file
     scene: String,
     /// The container to write
     #[arg(short, long, value_name = "FILE.umb")]

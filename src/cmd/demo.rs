@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use serde_json::json;
-use umbrage::reader::query::mh::MhMap;
 use umbrage::render::{Camera, Scene, Shading, ShadowRays, UpAxis, coverage, difference, shade, write_png};
 use umbrage::writer::bake::{BakeError, BakeOptions, Light, bake};
 use umbrage::writer::frame;
@@ -12,6 +11,7 @@ use umbrage::writer::scene::{self, DEMO_LIGHT};
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
+use super::shadows::{Backend, Shadows, default_budget};
 use super::{Failure, INPUT, TARGET, Watched, go_on, listen, load_scene, open, picture, structure};
 
 /// Arguments of `demo`.
@@ -23,6 +23,12 @@ pub struct Args {
     /// Texels on a side of the shadow map
     #[arg(long, default_value_t = 16384, allow_negative_numbers = true)]
     resolution: u64,
+    /// What answers the shadows
+    #[arg(long, value_enum, default_value_t = Backend::Auto)]
+    backend: Backend,
+    /// Most memory for the streamer, MiB; half of the file without it
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    budget: Option<u64>,
     /// One JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -74,9 +80,9 @@ pub fn run(args: Args) -> Result<(), Failure> {
     stage("primary rays");
 
     let container = open(&file)?;
-    let map = MhMap::new(structure(&container, Some("sun"))?)?;
-    let opened = container.counters();
-    let by_map = picture::lit_by_map(&view, &map)?;
+    let budget = args.budget.map_or_else(|| default_budget(&container), |m| m << 20);
+    let shadows = Shadows::answer(&view, &container, structure(&container, Some("sun"))?, args.backend, budget)?;
+    let by_map = &shadows.lit;
     let read = container.counters();
     stage("shadows from the file");
 
@@ -86,9 +92,9 @@ pub fn run(args: Args) -> Result<(), Failure> {
     stage("edge texels");
 
     let shading = Shading { components: Some(&snapped.solid), haze: None };
-    write_png(&args.out.join("shadow.png"), &shade(&view, &coverage(&by_map), shading))?;
+    write_png(&args.out.join("shadow.png"), &shade(&view, &coverage(by_map), shading))?;
     write_png(&args.out.join("reference.png"), &shade(&view, &coverage(&by_rays), shading))?;
-    write_png(&args.out.join("difference.png"), &difference(SIZE[0], SIZE[1], &by_map, &by_rays, &edge))?;
+    write_png(&args.out.join("difference.png"), &difference(SIZE[0], SIZE[1], by_map, &by_rays, &edge))?;
     stage("pictures");
     let total = begin.elapsed().as_secs_f64();
 
@@ -102,11 +108,10 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let report = json!({
         "scene": SCENE,
         "light": DEMO_LIGHT,
-        "backend": "cpu",
+        "shadows": shadows.json(),
         "bake": super::bake::report(&baked, &options, stages[0].1, stages[1].1),
         "uncompressed_bytes": uncompressed,
-        "pages_read": read.pages, "page_bytes_read": read.page_bytes, "pages": light.pages,
-        "reads": read.reads, "bytes_read": read.bytes, "bytes_to_open": opened.bytes,
+        "pages_read": shadows.pages_read, "pages": light.pages, "reads": read.reads, "bytes_read": read.bytes,
         "pixels_with_receiver": seen,
         "pixels_in_edge_texels": edges,
         "pixels_wrong_on_certified_texels": wrong,
@@ -127,13 +132,14 @@ pub fn run(args: Args) -> Result<(), Failure> {
         baked.bytes as f64 / nodes as f64
     ))?;
     line(&format!(
-        "  pages read        {} of {} ({} of {})",
-        read.pages,
+        "  pages read        {} of {} ({} read in all)",
+        shadows.pages_read,
         light.pages,
-        output::bytes(read.page_bytes),
-        output::bytes(baked.bytes)
+        output::bytes(read.bytes)
     ))?;
-    line("  shadows           on the CPU")?;
+    for l in shadows.lines() {
+        line(&l)?;
+    }
     let percent = |n: usize| n as f64 / seen.max(1) as f64 * 100.0;
     line(&format!(
         "  against rays      {wrong} wrong of {seen} pixels on certified texels; {differ_edge} differ in edge texels, which are {:.2} % of the pixels",

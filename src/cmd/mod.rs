@@ -7,6 +7,7 @@ mod output;
 mod picture;
 mod query;
 mod render;
+mod shadows;
 mod verify;
 
 use std::path::Path;
@@ -116,22 +117,23 @@ impl From<umbrage::render::ImageError> for Failure {
     }
 }
 
-/// A scene: `city:SEED[:SIZE]`, `forest:...`, `scan:...`, or a file.
+/// A scene: `city:SEED[:SIZE]`, `forest:...`, `scan:...`, or a mesh file. What a file has that is ignored is said on
+/// stderr.
 pub fn load_scene(spec: &str) -> Result<Mesh, Failure> {
-    match scene::generated(spec) {
-        Some(mesh) => mesh.map_err(|e| Failure::new(INPUT, e)),
-        None => {
-            let what = match std::fs::metadata(spec) {
-                Err(e) => e.to_string(),
-                Ok(m) if m.is_dir() => "is a directory".to_string(),
-                Ok(_) => "mesh files are not supported by this version".to_string(),
-            };
-            Err(Failure::new(
-                INPUT,
-                format!("scene {spec}: {what}; give city:SEED, forest:SEED or scan:SEED, each with an optional :SIZE"),
-            ))
-        }
+    if let Some(mesh) = scene::generated(spec) {
+        return mesh.map_err(|e| Failure::new(INPUT, e));
     }
+    let loaded = scene::load::load(Path::new(spec)).map_err(|e| Failure::new(INPUT, e))?;
+    for note in &loaded.notes {
+        eprintln!("{spec}: {note}");
+    }
+    if !loaded.masks.is_empty() {
+        let triangles: usize = loaded.masks.iter().map(|m| m.triangles.len()).sum();
+        eprintln!(
+            "{spec}: {triangles} triangles with an alpha mask are taken as solid; this version does not sample masks"
+        );
+    }
+    Ok(loaded.mesh)
 }
 
 /// Opens a container with positioned reads.

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use serde_json::json;
-use umbrage::reader::query::mh::MhMap;
 use umbrage::render::{Camera, Scene, Shading, UpAxis, coverage, shade, write_png};
 
 use super::output::{self, line};
+use super::shadows::{Backend, Shadows, default_budget};
 use super::{Failure, USAGE, go_on, listen, load_scene, open, parse_numbers, picture, structure};
 
 /// Arguments of `render`.
@@ -36,8 +36,11 @@ pub struct Args {
     #[arg(long, default_value = "1280x720", value_name = "WxH", value_parser = parse_size)]
     size: [u32; 2],
     /// What answers the shadows
-    #[arg(long, default_value = "auto", value_parser = ["auto", "cpu"])]
-    backend: String,
+    #[arg(long, value_enum, default_value_t = Backend::Auto)]
+    backend: Backend,
+    /// Most memory for the streamer, MiB; half of the file without it
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    budget: Option<u64>,
     /// One JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -61,21 +64,25 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let structure = structure(&container, args.light.as_deref())?;
     let mesh = load_scene(&args.scene)?;
     let snapped = picture::snapped(&mesh, &structure)?;
-    let map = MhMap::new(structure)?;
     let geometry = Scene::new(&snapped);
     let view = geometry.view(&camera, args.size[0], args.size[1], &go_on).ok_or_else(Failure::interrupted)?;
-    let lit = picture::lit_by_map(&view, &map)?;
+    let pages = structure.page_count();
+    let budget = args.budget.map_or_else(|| default_budget(&container), |m| m << 20);
+    let shadows = Shadows::answer(&view, &container, structure, args.backend, budget)?;
     let shading = Shading { components: Some(&snapped.solid), haze: None };
-    write_png(&args.output, &shade(&view, &coverage(&lit), shading))?;
+    write_png(&args.output, &shade(&view, &coverage(&shadows.lit), shading))?;
     let read = container.counters();
-    let pages = map.structure().page_count();
     let seconds = start.elapsed().as_secs_f64();
     if args.json {
         let report = json!({
-            "backend": "cpu", "pages_read": read.pages, "pages": pages, "bytes_read": read.bytes, "seconds": seconds,
+            "shadows": shadows.json(), "pages": pages, "bytes_read": read.bytes, "seconds": seconds,
         });
         return line(&report.to_string());
     }
-    line(&format!("{} of {pages} pages read ({}), {seconds:.1} s, on the CPU", read.pages, output::bytes(read.bytes)))?;
+    let bytes = output::bytes(read.bytes);
+    line(&format!("{} of {pages} pages read ({bytes}), {seconds:.1} s", shadows.pages_read))?;
+    for l in shadows.lines() {
+        line(&l)?;
+    }
     line(&args.output.display().to_string())
 }

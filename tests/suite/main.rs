@@ -2,3 +2,4 @@
 
 mod cli;
 mod intervals;
+mod round_trip;

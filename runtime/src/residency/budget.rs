@@ -15,9 +15,12 @@ pub const MAX_DIRTY: u64 = 1024;
 const FIXED: u64 = 4096;
 /// Bytes of one table entry.
 const ENTRY: u64 = TABLE_ENTRY_WORDS as u64 * 4;
-/// Share of the budget for staging, and for pages in host memory.
+/// Share of the budget for one staging buffer; pages in host memory have twice that, as a page that is being read
+/// counts as the largest.
 const SHARE: u64 = 16;
-/// Most bytes of either.
+/// Staging buffers that the pages in host memory may weigh.
+const HOST_SHARES: u64 = 2;
+/// Most bytes of a staging buffer.
 const MOST_SHARE: u64 = 4 << 20;
 
 /// A budget that can't work.
@@ -59,27 +62,44 @@ impl Budget {
     /// The fewest bytes that would do.
     pub fn divide(total: u64, pages: u32, least_blocks: u32, most_pool: u64) -> Result<Self, BudgetError> {
         let least_share = BLOCK_BYTES + MAX_DIRTY * ENTRY;
-        let share = (total / SHARE).clamp(least_share, MOST_SHARE) & !63;
+        let share_of = |total: u64| (total / SHARE).clamp(least_share, MOST_SHARE) & !63;
+        let share = share_of(total);
         let table = u64::from(pages.max(1)) * ENTRY;
         let wanted = u64::from(pages.div_ceil(32)) * 4;
         let used = |blocks: u64| blocks * u64::from(BLOCK_WORDS / UNIT_WORDS / 32) * 4;
         let list = u64::from(FEEDBACK_LIST) * 4;
         // Everything but the blocks, and what a block costs beside itself.
         let rest = |share: u64| {
-            FIXED + table + wanted + list * (1 + READBACK_BUFFERS) + share * (STAGING_BUFFERS + 1) + BLOCK_BYTES
+            FIXED
+                + table
+                + wanted
+                + list * (1 + READBACK_BUFFERS)
+                + share * (STAGING_BUFFERS + HOST_SHARES)
+                + BLOCK_BYTES
         };
         let each = BLOCK_BYTES + used(1) * (1 + READBACK_BUFFERS);
         let blocks = total.saturating_sub(rest(share)) / each;
         let blocks = blocks.min(most_pool / BLOCK_BYTES).min(u64::from(u32::MAX / BLOCK_WORDS));
         if blocks < u64::from(least_blocks) {
-            let needed = rest(least_share) + each * u64::from(least_blocks);
-            // A larger share may be what is in the way.
-            let needed = if needed <= total { rest(share) + each * u64::from(least_blocks) } else { needed };
+            // The shares grow with the budget, by less than it grows: this settles.
+            let mut needed = 0;
+            for _ in 0..64 {
+                needed = rest(share_of(needed)) + each * u64::from(least_blocks);
+            }
+            let needed = needed.max(total + 1);
             return Err(BudgetError { budget: total, needed, pages });
         }
         let readback = list + used(blocks);
         let blocks = u32::try_from(blocks).unwrap_or(u32::MAX / BLOCK_WORDS);
-        Ok(Self { total, table, feedback: readback + wanted, readback, staging: share, host: share, blocks })
+        Ok(Self {
+            total,
+            table,
+            feedback: readback + wanted,
+            readback,
+            staging: share,
+            host: share * HOST_SHARES,
+            blocks,
+        })
     }
 
     /// Bytes of the pool.

@@ -184,7 +184,7 @@ impl Residency {
             stats: Stats::default(),
         };
         for root in 0..config.roots.min(config.pages) {
-            this.want(root, 0);
+            this.want(root, 0, 0);
         }
         this
     }
@@ -226,19 +226,18 @@ impl Residency {
             None if shared => 1,
             None => return,
         };
-        self.want(ordinal, depth);
+        self.want(ordinal, depth, self.round);
     }
 
-    fn want(&mut self, ordinal: u32, depth: u32) {
+    fn want(&mut self, ordinal: u32, depth: u32, asked: u64) {
         if ordinal >= self.config.pages || self.is_resident(ordinal) || self.failures.waits(ordinal, self.frames) {
             return;
         }
-        let asked = self.round;
         let want = self.wants.entry(ordinal).or_insert_with(|| {
             self.queue.insert((depth, ordinal));
             Want { depth, asked, state: State::Queued }
         });
-        want.asked = asked;
+        want.asked = want.asked.max(asked);
     }
 
     /// One round of feedback: ordinals that walks missed, and one bit for each unit of the pool that holds a page in
@@ -287,7 +286,9 @@ impl Residency {
     /// A page that [`loads`](Self::loads) named has come.
     pub fn loaded(&mut self, page: LoadedPage) {
         self.failures.forget(page.ordinal);
-        let Some(want) = self.wants.get_mut(&page.ordinal).filter(|w| matches!(w.state, State::Loading)) else { return };
+        let Some(want) = self.wants.get_mut(&page.ordinal).filter(|w| matches!(w.state, State::Loading)) else {
+            return;
+        };
         self.loading -= 1;
         self.ready_bytes += page.words.len() as u64 * 4;
         self.ready.insert((want.depth, page.ordinal));
@@ -422,7 +423,7 @@ impl Residency {
                 State::Parked(until) if *until > self.frames => {}
                 State::Parked(_) => again.push(ordinal),
                 State::Waiting(needs) => {
-                    ask.extend(needs.iter().map(|&n| (n, want.depth)));
+                    ask.extend(needs.iter().map(|&n| (n, want.depth, want.asked)));
                     if needs.iter().all(|&n| self.is_resident(n)) {
                         again.push(ordinal);
                     }
@@ -436,11 +437,11 @@ impl Residency {
                 self.queue.remove(&(want.depth, ordinal));
             }
         }
-        for (need, depth) in ask {
+        for (need, depth, asked) in ask {
             self.residents.touch(need, self.round);
             // Only shared pages: a parent that has gone asks for itself.
             if need >= self.config.pages.saturating_sub(self.config.shared) {
-                self.want(need, depth);
+                self.want(need, depth, asked);
             }
         }
         for ordinal in again {

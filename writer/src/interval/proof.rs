@@ -208,7 +208,8 @@ impl Prover {
     /// How many surfaces of a closed component a ray meets before the gap is one number over the square if all of them
     /// are entries or all are exits; of open geometry only what covers the square is met by every ray.
     fn prove_second(&mut self, locals: &[Local], list: &[u32], p: [i64; 2], size: i64) -> Option<Interval> {
-        let mut order: Vec<usize> = (0..list.len()).filter(|k| locals[list[*k] as usize].event != Event::Wall).collect();
+        let mut order: Vec<usize> =
+            (0..list.len()).filter(|k| locals[list[*k] as usize].event != Event::Wall).collect();
         order.sort_by_key(|k| (self.reach[*k].low, *k));
         let local = |k: usize| &locals[list[k] as usize];
         let mut highest = i64::MIN;

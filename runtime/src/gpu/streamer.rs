@@ -1,0 +1,379 @@
+//! Buffers of one structure and the steps of a frame.
+
+use std::time::Duration;
+
+use umbrage_format::Kind;
+use umbrage_reader::Structure;
+
+use super::kernel::{Entry, Kernels};
+use super::transfer::{Readback, Staging};
+use crate::error::RuntimeError;
+use crate::query::mh::NOT_RESIDENT;
+use crate::residency::budget::{BLOCK_BYTES, READBACK_BUFFERS, STAGING_BUFFERS};
+use crate::residency::{Frame, Op};
+use crate::shader::{self, FEEDBACK_CAPACITY, FEEDBACK_HEAD, FEEDBACK_LIST, View};
+use crate::stream::Streamer;
+
+/// Threads that load pages.
+const LOADERS: usize = 2;
+/// Frames without a new page after which the roots count as stuck; longer than a page is parked.
+const ROOTS_IDLE: u32 = 40;
+
+/// What the device said about a frame, some frames later.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Report {
+    /// Frames reported so far.
+    pub number: u64,
+    /// Distinct pages that walks missed; more than the list holds are counted and not named.
+    pub missed: u32,
+    /// Queries of the runtime's own kernels that an ancestor answered.
+    pub approximate: u32,
+}
+
+/// A structure on a device of the caller's.
+///
+/// A frame is [`begin`](Self::begin), [`record`](Self::record), the caller's passes, [`end`](Self::end), and the
+/// caller's submission of the encoder; none of them waits. An encoder that went through `record` or `end` must be
+/// submitted, else the buffers it holds never come back.
+#[derive(Debug)]
+pub struct GpuStreamer {
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    pub(super) streamer: Streamer,
+    pool: wgpu::Buffer,
+    table: wgpu::Buffer,
+    feedback: wgpu::Buffer,
+    view: wgpu::Buffer,
+    scratch: wgpu::Buffer,
+    staging: Staging,
+    readback: Readback,
+    layout: wgpu::BindGroupLayout,
+    group: wgpu::BindGroup,
+    kernels: Option<Kernels>,
+    report: Report,
+}
+
+/// A binding that shaders of both stages may use.
+pub(super) fn entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE | wgpu::ShaderStages::FRAGMENT,
+        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    }
+}
+
+/// Refuses a storage buffer that the device can't make or bind.
+pub(super) fn fits(device: &wgpu::Device, what: &'static str, needed: u64) -> Result<(), RuntimeError> {
+    let most = largest(device);
+    if needed <= most { Ok(()) } else { Err(RuntimeError::Binding { what, needed, most }) }
+}
+
+fn largest(device: &wgpu::Device) -> u64 {
+    let limits = device.limits();
+    limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+}
+
+/// A buffer that starts with `bytes`, zero behind them; both ends of copies.
+pub(super) fn filled(
+    device: &wgpu::Device,
+    label: &'static str,
+    size: u64,
+    usage: wgpu::BufferUsages,
+    bytes: &[u8],
+) -> Result<wgpu::Buffer, RuntimeError> {
+    let usage = usage | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+    let mapped_at_creation = !bytes.is_empty();
+    let buffer = device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation });
+    if mapped_at_creation {
+        {
+            let mut view = buffer
+                .get_mapped_range_mut(..)
+                .map_err(|e| RuntimeError::Device { reason: format!("{label}: {e}") })?;
+            view.slice(..bytes.len()).copy_from_slice(bytes);
+        }
+        buffer.unmap();
+    }
+    Ok(buffer)
+}
+
+impl GpuStreamer {
+    /// Makes the buffers, all of them within `budget_bytes`, and brings in the roots: this one call waits for reads
+    /// and for the device. A budget beyond what the device binds in one buffer (128 MiB on many) is used up to that.
+    ///
+    /// # Errors
+    /// The budget is too small, a buffer larger than the device binds, or a root can't be read.
+    pub fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        structure: &Structure,
+        budget_bytes: u64,
+    ) -> Result<Self, RuntimeError> {
+        let streamer = Streamer::new(structure, budget_bytes, largest(device), LOADERS)?;
+        let budget = *streamer.budget();
+        fits(device, "the page table", budget.table)?;
+        fits(device, "the feedback", budget.feedback)?;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let pool = filled(device, "umbrage pool", budget.pool(), storage, &[])?;
+        let pages = structure.page_count();
+        let absent = vec![[NOT_RESIDENT, 0]; pages.max(1) as usize];
+        let table = filled(device, "umbrage table", budget.table, storage, bytemuck::cast_slice(&absent))?;
+        let feedback = filled(device, "umbrage feedback", budget.feedback, storage, &[])?;
+        let scratch = filled(device, "umbrage scratch", BLOCK_BYTES, wgpu::BufferUsages::empty(), &[])?;
+        let used_words = budget.readback / 4 - u64::from(FEEDBACK_LIST);
+        let view = View {
+            pool_words: (budget.pool() / 4) as u32,
+            pages,
+            log2_resolution: structure.record().log2_resolution.into(),
+            used_words: used_words as u32,
+        };
+        let view = filled(device, "umbrage view", 16, wgpu::BufferUsages::UNIFORM, bytemuck::bytes_of(&view))?;
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("umbrage"),
+            entries: &[
+                entry(0, wgpu::BufferBindingType::Storage { read_only: true }),
+                entry(1, wgpu::BufferBindingType::Storage { read_only: true }),
+                entry(2, wgpu::BufferBindingType::Storage { read_only: false }),
+                entry(3, wgpu::BufferBindingType::Uniform),
+            ],
+        });
+        let buffers = [&pool, &table, &feedback, &view];
+        let entries: Vec<_> = (0..)
+            .zip(buffers)
+            .map(|(binding, b)| wgpu::BindGroupEntry { binding, resource: b.as_entire_binding() })
+            .collect();
+        let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("umbrage"),
+            layout: &layout,
+            entries: &entries,
+        });
+        let mut this = Self {
+            device: device.clone(),
+            queue: queue.clone(),
+            streamer,
+            pool,
+            table,
+            feedback,
+            view,
+            scratch,
+            staging: Staging::new(device, STAGING_BUFFERS, budget.staging),
+            readback: Readback::new(device, READBACK_BUFFERS, budget.readback),
+            layout,
+            group,
+            kernels: None,
+            report: Report::default(),
+        };
+        this.bring_in_roots()?;
+        Ok(this)
+    }
+
+    fn bring_in_roots(&mut self) -> Result<(), RuntimeError> {
+        let (mut admitted, mut idle) = (0, 0);
+        while !self.streamer.residency().roots_resident() {
+            self.streamer.wait(Duration::from_millis(100));
+            if let Some(failure) = self.streamer.take_failures().into_iter().next() {
+                return Err(failure.error.into());
+            }
+            self.submit(|_, _| ())?;
+            let now = self.streamer.stats();
+            idle = if now.admitted == admitted && !self.streamer.is_loading() { idle + 1 } else { 0 };
+            admitted = now.admitted;
+            if idle == ROOTS_IDLE {
+                return Err(RuntimeError::Roots { resident: now.resident, budget: self.streamer.budget().total });
+            }
+        }
+        Ok(())
+    }
+
+    /// Layout of [`bind_group`](Self::bind_group), for the caller's pipelines.
+    pub fn bind_group_layout(&self) -> &wgpu::BindGroupLayout {
+        &self.layout
+    }
+
+    /// Pool, table, feedback and view, for the group that was given to [`shader::module`].
+    pub fn bind_group(&self) -> &wgpu::BindGroup {
+        &self.group
+    }
+
+    /// The buffers of that group by rising binding, for a caller who makes the group from a layout of its own.
+    pub fn buffers(&self) -> [&wgpu::Buffer; 4] {
+        [&self.pool, &self.table, &self.feedback, &self.view]
+    }
+
+    /// Source of the queries, to be put in front of the caller's shader; see [`shader::module`].
+    pub fn module(&self, group: u32) -> String {
+        shader::module(group)
+    }
+
+    /// The CPU side.
+    pub fn streamer(&self) -> &Streamer {
+        &self.streamer
+    }
+
+    /// The CPU side, to ask for pages or to take failures.
+    pub fn streamer_mut(&mut self) -> &mut Streamer {
+        &mut self.streamer
+    }
+
+    /// What the device said last.
+    pub fn report(&self) -> Report {
+        self.report
+    }
+
+    /// First step: takes the feedback that has come back and the pages that have been read; orders others.
+    pub fn begin(&mut self) {
+        // Runs the callbacks of finished work; an error means that nothing is finished.
+        let _ = self.device.poll(wgpu::PollType::Poll);
+        let (streamer, report) = (&mut self.streamer, &mut self.report);
+        while self.readback.take(|words| {
+            let missed = words.first().copied().unwrap_or(0);
+            let listed = missed.min(FEEDBACK_CAPACITY) as usize;
+            let head = FEEDBACK_HEAD as usize;
+            let list = words.get(head..head + listed).unwrap_or_default();
+            let used = words.get(FEEDBACK_LIST as usize..).unwrap_or_default();
+            streamer.feedback(list, used, missed > FEEDBACK_CAPACITY);
+            let approximate = words.get(1).copied().unwrap_or(0);
+            *report = Report { number: report.number + 1, missed, approximate };
+        }) {}
+        self.streamer.begin();
+    }
+
+    /// Second step, before the caller's passes: copies pages and table entries, clears the feedback.
+    pub fn record(&mut self, encoder: &mut wgpu::CommandEncoder) {
+        encoder.clear_buffer(&self.feedback, 0, None);
+        if !self.staging.is_free() {
+            // The device is behind; what is ready stays ready.
+            return;
+        }
+        let Frame { ops, table } = self.streamer.frame();
+        if ops.is_empty() && table.is_empty() {
+            return;
+        }
+        let mut parts: Vec<&[u8]> = Vec::new();
+        for op in &ops {
+            if let Op::Upload { words, .. } = op {
+                parts.push(bytemuck::cast_slice(words));
+            }
+        }
+        let entries: Vec<[u32; 2]> = table.iter().map(|t| t.1).collect();
+        parts.push(bytemuck::cast_slice(&entries));
+        let recorded = self.staging.pass(encoder, &parts, |encoder, staging, offsets| {
+            let mut offsets = offsets.iter().copied();
+            for op in &ops {
+                match op {
+                    Op::Upload { at, words } => {
+                        let (from, bytes) = (offsets.next().unwrap_or(0), words.len() as u64 * 4);
+                        encoder.copy_buffer_to_buffer(staging, from, &self.pool, u64::from(*at) * 4, bytes);
+                    }
+                    Op::Move { from, to, words } => {
+                        let bytes = u64::from(*words) * 4;
+                        encoder.copy_buffer_to_buffer(&self.pool, u64::from(*from) * 4, &self.scratch, 0, bytes);
+                        encoder.copy_buffer_to_buffer(&self.scratch, 0, &self.pool, u64::from(*to) * 4, bytes);
+                    }
+                }
+            }
+            let mut from = offsets.next().unwrap_or(0);
+            for run in table.chunk_by(|a, b| a.0 + 1 == b.0) {
+                let bytes = run.len() as u64 * 8;
+                encoder.copy_buffer_to_buffer(staging, from, &self.table, u64::from(run[0].0) * 8, bytes);
+                from += bytes;
+            }
+        });
+        debug_assert!(recorded, "a frame is never larger than a staging buffer");
+    }
+
+    /// Last step, behind the caller's passes: sends the feedback on its way.
+    pub fn end(&mut self, encoder: &mut wgpu::CommandEncoder) {
+        self.readback.record(encoder, &self.feedback);
+    }
+
+    /// One frame from `begin` to the end of the device's work. For tools and tests: it waits.
+    pub(super) fn submit(&mut self, passes: impl FnOnce(&Self, &mut wgpu::CommandEncoder)) -> Result<(), RuntimeError> {
+        self.begin();
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        self.record(&mut encoder);
+        passes(self, &mut encoder);
+        self.end(&mut encoder);
+        self.queue.submit([encoder.finish()]);
+        self.wait()
+    }
+
+    fn wait(&self) -> Result<(), RuntimeError> {
+        let done = self.device.poll(wgpu::PollType::wait_indefinitely());
+        done.map(drop).map_err(|e| RuntimeError::Device { reason: e.to_string() })
+    }
+
+    /// The runtime's own pipelines, compiled at the first call.
+    ///
+    /// # Errors
+    /// The structure is of a kind without kernels.
+    pub fn kernels(&mut self) -> Result<&Kernels, RuntimeError> {
+        let kind = self.streamer.structure().kind();
+        if kind != Kind::Mh {
+            return Err(RuntimeError::UnsupportedKind(kind));
+        }
+        Ok(self.kernels.get_or_insert_with(|| Kernels::new(&self.device, &self.layout)))
+    }
+
+    /// Answers queries (x, y, level, depth rounded up) from what is resident, in one frame: value, state, missing
+    /// page, page of the answer; see [`crate::query::mh`] for the bits. Waits for the device, not for pages.
+    ///
+    /// # Errors
+    /// More queries than the device binds, a kind without kernels, or the device was lost.
+    pub fn answer(&mut self, root: u32, queries: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, RuntimeError> {
+        let count = u32::try_from(queries.len()).unwrap_or(u32::MAX);
+        let words = self.with_kernels(|this, kernels| {
+            let array = kernels.queries(&this.device, queries)?;
+            this.submit(|this, encoder| {
+                kernels.dispatch(&this.queue, encoder, &this.group, Entry::Answer, &array, root, 0..count);
+            })?;
+            this.read(&array.buffer, 0, queries.len() as u64 * 16)
+        })?;
+        Ok(bytemuck::cast_slice(&words).to_vec())
+    }
+
+    /// The pool's words and the page table as the device has them. For tools and tests: it waits.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn read_back(&self) -> Result<(Vec<u32>, Vec<[u32; 2]>), RuntimeError> {
+        let pool = self.read(&self.pool, 0, self.pool.size())?;
+        let table = self.read(&self.table, 0, self.table.size())?;
+        Ok((pool, bytemuck::cast_slice(&table).to_vec()))
+    }
+
+    /// Bytes of a buffer as words; waits.
+    pub(super) fn read(&self, source: &wgpu::Buffer, offset: u64, bytes: u64) -> Result<Vec<u32>, RuntimeError> {
+        let lost = |e: String| RuntimeError::Device { reason: e };
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("umbrage read back"),
+            size: bytes.max(4),
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(source, offset, &buffer, 0, bytes);
+        self.queue.submit([encoder.finish()]);
+        let (send, receive) = std::sync::mpsc::channel();
+        buffer.map_async(wgpu::MapMode::Read, .., move |result| {
+            // The receiver lives until it has come.
+            let _ = send.send(result);
+        });
+        self.wait()?;
+        receive.recv().map_err(|e| lost(e.to_string()))?.map_err(|e| lost(e.to_string()))?;
+        let view = buffer.get_mapped_range(..).map_err(|e| lost(e.to_string()))?;
+        let words = view.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+        Ok(words.take((bytes / 4) as usize).collect())
+    }
+
+    pub(super) fn with_kernels<T>(
+        &mut self,
+        f: impl FnOnce(&mut Self, &Kernels) -> Result<T, RuntimeError>,
+    ) -> Result<T, RuntimeError> {
+        self.kernels()?;
+        let kernels = self.kernels.take().unwrap_or_else(|| Kernels::new(&self.device, &self.layout));
+        let done = f(self, &kernels);
+        self.kernels = Some(kernels);
+        done
+    }
+}

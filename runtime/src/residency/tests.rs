@@ -1,0 +1,300 @@
+//! Invariants of the state machine, held after every step of random histories.
+
+use std::collections::HashMap;
+
+use proptest::prelude::*;
+
+use super::budget::BLOCK_BYTES;
+use super::slots::{BLOCK_WORDS, class_of, slot_words};
+use super::*;
+
+/// A made-up structure: pages in level order, each with its first child, its children and its length.
+#[derive(Debug, Clone)]
+struct Pages {
+    records: Vec<(u32, u16, u32)>,
+    roots: u32,
+}
+
+impl Pages {
+    fn new(roots: u32, children: &[u16], words: &[u32]) -> Self {
+        let mut records = Vec::new();
+        let mut next = roots;
+        let most = 400;
+        for i in 0.. {
+            if i as u32 == next {
+                break;
+            }
+            let count = children[i % children.len()].min((most - next.min(most)) as u16);
+            records.push((next, count, words[i % words.len()]));
+            next += u32::from(count);
+        }
+        Self { records, roots }
+    }
+
+    fn page(&self, ordinal: u32) -> LoadedPage {
+        let (first_child, child_count, words) = self.records[ordinal as usize];
+        LoadedPage {
+            ordinal,
+            first_child,
+            child_count,
+            dependencies: Vec::new(),
+            words: vec![ordinal; words as usize].into(),
+        }
+    }
+
+    fn config(&self, blocks: u32) -> Config {
+        Config {
+            pages: self.records.len() as u32,
+            roots: self.roots,
+            shared: 0,
+            blocks,
+            frame_bytes: 2 * BLOCK_BYTES,
+            host_bytes: 4 * BLOCK_BYTES,
+        }
+    }
+
+    /// Pages from the root down to `ordinal`.
+    fn path(&self, mut ordinal: u32) -> Vec<u32> {
+        let mut path = vec![ordinal];
+        while ordinal >= self.roots {
+            let parent = self.records.iter().position(|r| (r.0..r.0 + u32::from(r.1)).contains(&ordinal)).unwrap();
+            ordinal = parent as u32;
+            path.insert(0, ordinal);
+        }
+        path
+    }
+}
+
+/// An executor in memory, and the checks.
+struct World {
+    pages: Pages,
+    residency: Residency,
+    pool: Vec<u32>,
+    table: Vec<[u32; 2]>,
+    loading: Vec<u32>,
+}
+
+impl World {
+    fn new(pages: Pages, blocks: u32) -> Self {
+        let residency = Residency::new(pages.config(blocks));
+        let (pool, table) = (vec![0; (blocks * BLOCK_WORDS) as usize], vec![[NOT_RESIDENT, 0]; pages.records.len()]);
+        Self { pages, residency, pool, table, loading: Vec::new() }
+    }
+
+    /// Walks down as a device does: what is used, what is missed.
+    fn walk(&self, ordinal: u32, used: &mut [u32]) -> Option<u32> {
+        let mut last = None;
+        for page in self.pages.path(ordinal) {
+            let at = self.table[page as usize][0];
+            if at == NOT_RESIDENT {
+                last.inspect(|&at: &u32| used[(at / UNIT_WORDS / 32) as usize] |= 1 << (at / UNIT_WORDS % 32));
+                return Some(page);
+            }
+            last = Some(at);
+        }
+        last.inspect(|&at| used[(at / UNIT_WORDS / 32) as usize] |= 1 << (at / UNIT_WORDS % 32));
+        None
+    }
+
+    /// A frame that asks for `targets`; `fails` of the loads fail. Gives how many targets were answered by ancestors.
+    fn frame(&mut self, targets: &[u32], fails: impl Fn(u32) -> bool) -> usize {
+        let orders = self.residency.loads();
+        self.loading.extend(orders);
+        for ordinal in std::mem::take(&mut self.loading) {
+            if fails(ordinal) {
+                self.residency.failed(ordinal);
+            } else {
+                self.residency.loaded(self.pages.page(ordinal));
+            }
+        }
+        let frame = self.residency.frame();
+        let mut bytes = 0;
+        for op in frame.ops {
+            match op {
+                Op::Upload { at, words } => {
+                    bytes += words.len() as u64 * 4;
+                    self.pool[at as usize..][..words.len()].copy_from_slice(&words);
+                }
+                Op::Move { from, to, words } => {
+                    assert!(from.abs_diff(to) >= words);
+                    self.pool.copy_within(from as usize..(from + words) as usize, to as usize);
+                }
+            }
+        }
+        assert!(bytes <= self.residency.config.frame_bytes && frame.table.len() as u64 <= MAX_DIRTY);
+        for (ordinal, entry) in frame.table {
+            self.table[ordinal as usize] = entry;
+        }
+        self.check();
+        let mut used = vec![0; self.pool.len() / UNIT_WORDS as usize / 32];
+        let missed: Vec<u32> = targets.iter().filter_map(|&t| self.walk(t, &mut used)).collect();
+        self.residency.feedback(&missed, &used, false);
+        missed.len()
+    }
+
+    fn check(&self) {
+        let r = &self.residency;
+        let mut spans = Vec::new();
+        for (ordinal, page) in r.residents.iter() {
+            let words = self.pages.records[ordinal as usize].2;
+            assert_eq!((page.words, page.at + words <= self.pool.len() as u32), (words, true));
+            // Its words are in its slot, whatever was moved meanwhile.
+            assert!(self.pool[page.at as usize..][..words as usize].iter().all(|&w| w == ordinal));
+            spans.push((page.at, page.at + slot_words(class_of(words).unwrap())));
+            assert!(page.needs.iter().all(|&n| r.is_resident(n)), "a page without its parent");
+            let dependents = r.residents.iter().filter(|(_, p)| p.needs.contains(&ordinal)).count();
+            assert_eq!(page.dependents as usize, dependents);
+        }
+        spans.sort_unstable();
+        assert!(spans.windows(2).all(|w| w[0].1 <= w[1].0), "two pages in one place");
+        for (ordinal, &entry) in (0u32..).zip(&self.table) {
+            assert_eq!(entry, r.entry(ordinal), "the table of the device is the state's");
+        }
+        let ready: u64 =
+            r.wants.values().map(|w| if let State::Ready(p) = &w.state { p.words.len() as u64 * 4 } else { 0 }).sum();
+        let loading = r.wants.values().filter(|w| matches!(w.state, State::Loading)).count() as u64;
+        assert_eq!((ready, loading), (r.ready_bytes, r.loading));
+        assert!(ready + loading * BLOCK_BYTES <= r.config.host_bytes, "host memory");
+    }
+}
+
+fn structures() -> impl Strategy<Value = Pages> {
+    let words = prop_oneof![2u32..200, 200u32..3000, Just(BLOCK_WORDS), Just(64), Just(2048)];
+    (1u32..4, prop::collection::vec(0u16..9, 1..12), prop::collection::vec(words, 1..20))
+        .prop_map(|(roots, children, words)| Pages::new(roots, &children, &words))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn invariants_hold_in_any_history(
+        pages in structures(),
+        extra in 1u32..8,
+        history in prop::collection::vec((prop::collection::vec(any::<u32>(), 0..40), any::<u8>()), 1..60),
+    ) {
+        let roots = pages.roots;
+        let count = pages.records.len() as u32;
+        let mut world = World::new(pages, roots + extra);
+        let mut rooted = false;
+        for (targets, luck) in history {
+            let targets: Vec<u32> = targets.into_iter().map(|t| t % count).collect();
+            world.frame(&targets, |o| o >= roots && o % 7 == u32::from(luck % 16));
+            rooted |= world.residency.roots_resident();
+            prop_assert!(!rooted || world.residency.roots_resident(), "a root was evicted");
+            // Requests out of thin air do no harm.
+            world.residency.request(u32::from(luck) * 5);
+            world.residency.request(u32::MAX);
+        }
+    }
+
+    #[test]
+    fn what_fits_is_admitted_whatever_was_there(
+        pages in structures(),
+        seed in any::<u32>(),
+        noise in prop::collection::vec(prop::collection::vec(any::<u32>(), 0..60), 0..30),
+    ) {
+        let count = pages.records.len() as u32;
+        // Room for one path, rounded up by class, beside all roots.
+        let mut world = World::new(pages.clone(), pages.roots + 9);
+        for targets in noise {
+            let targets: Vec<u32> = targets.into_iter().map(|t| t % count).collect();
+            world.frame(&targets, |o| o % 11 == 5 && o >= pages.roots);
+        }
+        let target = seed % count;
+        let path = pages.path(target);
+        let blocks: u32 = path.iter().map(|&p| slot_words(class_of(pages.records[p as usize].2).unwrap())).sum();
+        prop_assume!(blocks.div_ceil(BLOCK_WORDS) <= 7);
+        let frames = (0..400).find(|_| world.frame(&[target], |_| false) == 0);
+        prop_assert!(frames.is_some(), "page {target} never came: {:?}", world.residency.stats());
+    }
+}
+
+/// Small pages all over the pool, one left in each block, then pages of a whole block.
+#[test]
+fn scattered_pages_move_together() {
+    let mut records = vec![(1, 0, BLOCK_WORDS); 2000];
+    records[0] = (1, 1999, 64);
+    records[1..1800].iter_mut().for_each(|r| *r = (2000, 0, 64));
+    let mut world = World::new(Pages { records, roots: 1 }, 6);
+    // 256 small pages fill a block: 5 blocks and a bit are in use. Four come in a frame.
+    let small: Vec<u32> = (1..1400).collect();
+    assert!((0..500).any(|_| world.frame(&small, |_| false) == 0));
+    // Every 20th stays in use: 70 pages in all 6 blocks; 4 pages of a whole block have room beside them.
+    let mut kept: Vec<u32> = (1..1400).step_by(20).collect();
+    kept.extend(1900..1904);
+    let frames = (0..200).find(|_| world.frame(&kept, |_| false) == 0);
+    let stats = world.residency.stats();
+    assert!(frames.is_some() && stats.moved > 0, "{stats:?}");
+}
+
+#[test]
+fn too_much_is_wanted_and_the_state_says_so() {
+    // 100 children of a whole block each under a small root.
+    let mut records = vec![(101, 0, BLOCK_WORDS); 101];
+    records[0] = (1, 100, 100);
+    let pages = Pages { records, roots: 1 };
+    let mut world = World::new(pages, 5);
+    let all: Vec<u32> = (1..101).collect();
+    let left: Vec<usize> = (0..60).map(|_| world.frame(&all, |_| false)).collect();
+    assert_eq!(left.last(), Some(&96), "4 blocks beside the root's");
+    let stats = world.residency.stats();
+    assert_eq!((stats.wanted, stats.starved + 8 >= 96), (96, true));
+    // What is in use stays: nothing was evicted only to be read again.
+    assert_eq!((stats.evicted, stats.admitted), (0, 5));
+}
+
+#[test]
+fn a_failing_page_is_reported_once_and_tried_ever_more_rarely() {
+    let mut world = World::new(Pages::new(1, &[2, 0], &[100]), 4);
+    let mut tries = Vec::new();
+    for frame in 0..1500u32 {
+        let asked = std::cell::Cell::new(false);
+        world.frame(&[1, 2], |o| {
+            asked.set(asked.get() || o == 1);
+            o == 1
+        });
+        if asked.get() {
+            tries.push(frame);
+        }
+    }
+    let waits: Vec<u32> = tries.windows(2).map(|w| w[1] - w[0]).collect();
+    assert!(waits.windows(2).all(|w| w[1] >= w[0]) && *waits.last().unwrap() <= 260, "{waits:?}");
+    assert!((8..20).contains(&tries.len()), "{tries:?}");
+    assert!(world.residency.is_resident(2) && world.residency.stats().failing == 1);
+    let mut first = Failures::default();
+    assert!(first.note(3, 0) && !first.note(3, 2) && first.waits(3, 5) && !first.waits(3, 6));
+    // It comes at last.
+    assert!((0..300).any(|_| world.frame(&[1], |_| false) == 0));
+    assert_eq!(world.residency.stats().failing, 0);
+}
+
+#[test]
+fn dependencies_come_first_and_stay() {
+    let mut by_ordinal: HashMap<u32, LoadedPage> = HashMap::new();
+    let page = |ordinal: u32, dependencies: &[u32]| LoadedPage {
+        ordinal,
+        first_child: 0,
+        child_count: 0,
+        dependencies: dependencies.to_vec(),
+        words: vec![ordinal; 100].into(),
+    };
+    // 1 needs 2; 3 and 4 need each other, which never ends and never hangs.
+    for p in [page(0, &[1, 2]), page(1, &[2]), page(2, &[]), page(3, &[4]), page(4, &[3])] {
+        by_ordinal.insert(p.ordinal, p);
+    }
+    let config = Config { pages: 5, roots: 1, shared: 4, blocks: 3, frame_bytes: BLOCK_BYTES, host_bytes: BLOCK_BYTES };
+    let mut residency = Residency::new(config);
+    residency.request(3);
+    for _ in 0..60 {
+        for o in residency.loads() {
+            residency.loaded(by_ordinal[&o].clone());
+        }
+        residency.frame();
+        residency.feedback(&[], &[], false);
+        assert!(!residency.is_resident(1) || residency.is_resident(2));
+        assert!(!residency.is_resident(0) || residency.is_resident(1));
+    }
+    assert!((0..3).all(|o| residency.is_resident(o)) && !residency.is_resident(3));
+    assert_eq!(residency.stats().wanted, 0, "nobody asks for 3 any more");
+}

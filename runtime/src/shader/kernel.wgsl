@@ -1,0 +1,53 @@
+// Entry points of the runtime itself: arrays of queries, and the pixels of a view.
+
+@group(1) @binding(0) var<storage, read_write> umb_queries: array<vec4<u32>>;
+// First query, queries from there, root.
+@group(1) @binding(1) var<uniform> umb_range: vec4<u32>;
+
+fn umb_index(id: vec3<u32>, groups: vec3<u32>) -> u32 {
+    return id.x + id.y * groups.x * UMB_WORKGROUP;
+}
+
+fn umb_note_ancestor(d: UmbAnswer) {
+    if d.missing != UMB_NO_PAGE {
+        atomicAdd(&umb_feedback[1], 1u);
+    }
+}
+
+// In: x, y, level, depth rounded up. Out, in place: value, state, missing page, page of the answer.
+@compute @workgroup_size(UMB_WORKGROUP)
+fn answer(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = umb_index(id, groups);
+    if i >= umb_range.y {
+        return;
+    }
+    let q = umb_queries[umb_range.x + i];
+    if umb_outside(q.x, q.y) {
+        umb_queries[umb_range.x + i] = vec4<u32>(UMB_UNCOVERED, UMB_LIT | UMB_OUTSIDE | UMB_EXACT, UMB_NO_PAGE, UMB_NO_PAGE);
+        return;
+    }
+    let d = umb_mh(umb_range.z, q.x, q.y, q.z);
+    umb_note_ancestor(d);
+    umb_queries[umb_range.x + i] = vec4<u32>(d.value, umb_mh_state(d, q.w), d.missing, d.page);
+}
+
+// In: x, y, depth rounded up, state of the frame before. Out: state. A pixel that is exact stays as it is, and lets
+// go of its pages.
+@compute @workgroup_size(UMB_WORKGROUP)
+fn pixels(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = umb_index(id, groups);
+    if i >= umb_range.y {
+        return;
+    }
+    let q = umb_queries[umb_range.x + i];
+    if (q.w & UMB_EXACT) != 0u {
+        return;
+    }
+    if umb_outside(q.x, q.y) {
+        umb_queries[umb_range.x + i].w = UMB_LIT | UMB_OUTSIDE | UMB_EXACT;
+        return;
+    }
+    let d = umb_mh(umb_range.z, q.x, q.y, 0u);
+    umb_note_ancestor(d);
+    umb_queries[umb_range.x + i].w = umb_mh_state(d, q.z);
+}

@@ -1,0 +1,165 @@
+//! Structure, residency and loader together: what a frame does on the CPU, for any executor.
+//!
+//! [`Streamer::begin`] takes what the threads finished and what the device reported, and orders new pages;
+//! [`Streamer::frame`] says what to copy. Neither waits. The executor for wgpu is [`crate::gpu::GpuStreamer`].
+
+pub mod loader;
+
+use std::time::Duration;
+
+use umbrage_reader::{ReaderError, Structure};
+
+use crate::error::RuntimeError;
+use crate::residency::slots::{BLOCK_WORDS, class_of, slot_words};
+use crate::residency::{Budget, Config, Frame, Residency, Stats};
+use loader::{Loader, Outcome};
+
+/// A page that failed for the first time.
+#[derive(Debug, Clone)]
+pub struct PageFailure {
+    /// The page.
+    pub ordinal: u32,
+    /// Why.
+    pub error: ReaderError,
+}
+
+/// Streams one structure.
+#[derive(Debug)]
+pub struct Streamer {
+    structure: Structure,
+    budget: Budget,
+    residency: Residency,
+    loader: Loader,
+    failures: Vec<PageFailure>,
+    loads: u64,
+    in_flight: u64,
+}
+
+impl Streamer {
+    /// Divides `budget_bytes`, starts `threads` loader threads and orders the roots. Reads the index blocks of the
+    /// roots. `most_pool` is the largest pool that the device binds, in bytes.
+    ///
+    /// # Errors
+    /// The budget can't hold tables, roots and one page more, or the index can't be read.
+    pub fn new(structure: &Structure, budget_bytes: u64, most_pool: u64, threads: usize) -> Result<Self, RuntimeError> {
+        let record = structure.record();
+        let (pages, roots) = (structure.page_count(), record.root_count.get());
+        let mut root_words = [0u64; crate::residency::slots::CLASSES];
+        for root in 0..roots {
+            let words = structure.page_record(root)?.hot_words.get();
+            if let Some(class) = class_of(words.into()) {
+                root_words[usize::from(class)] += u64::from(slot_words(class));
+            }
+        }
+        // A class of roots takes whole blocks; one block more lets any other page in.
+        let blocks: u64 = root_words.iter().map(|w| w.div_ceil(BLOCK_WORDS.into())).sum();
+        let least = u32::try_from(blocks + 1).unwrap_or(u32::MAX);
+        let budget = Budget::divide(budget_bytes, pages, least, most_pool)?;
+        let config = Config {
+            pages,
+            roots,
+            shared: record.shared_pages.get(),
+            blocks: budget.blocks,
+            frame_bytes: budget.frame_bytes(),
+            host_bytes: budget.host,
+        };
+        Ok(Self {
+            structure: structure.clone(),
+            budget,
+            residency: Residency::new(config),
+            loader: Loader::start(structure, threads),
+            failures: Vec::new(),
+            loads: 0,
+            in_flight: 0,
+        })
+    }
+
+    /// The structure.
+    pub fn structure(&self) -> &Structure {
+        &self.structure
+    }
+
+    /// How the budget is divided.
+    pub fn budget(&self) -> &Budget {
+        &self.budget
+    }
+
+    /// The state machine, to look at.
+    pub fn residency(&self) -> &Residency {
+        &self.residency
+    }
+
+    /// Its totals and state.
+    pub fn stats(&self) -> Stats {
+        self.residency.stats()
+    }
+
+    /// Pages that the loader has read, those that failed included.
+    pub fn loads(&self) -> u64 {
+        self.loads
+    }
+
+    /// Whether pages are being read.
+    pub fn is_loading(&self) -> bool {
+        self.in_flight != 0
+    }
+
+    /// Asks for a page from the CPU side, as a walk that missed it does.
+    pub fn request(&mut self, ordinal: u32) {
+        self.residency.request(ordinal);
+    }
+
+    /// One round of feedback from the device; see [`Residency::feedback`].
+    pub fn feedback(&mut self, missed: &[u32], used: &[u32], overflow: bool) {
+        self.residency.feedback(missed, used, overflow);
+    }
+
+    /// Takes finished pages and orders new ones.
+    pub fn begin(&mut self) {
+        while let Some(outcome) = self.loader.take() {
+            self.settle(outcome);
+        }
+        self.order();
+    }
+
+    /// As [`begin`](Self::begin), but waits for one page where some are being read; at most `time`. Not for a render
+    /// thread.
+    pub fn wait(&mut self, time: Duration) {
+        if self.is_loading()
+            && let Some(outcome) = self.loader.wait(time)
+        {
+            self.settle(outcome);
+        }
+        self.begin();
+    }
+
+    fn order(&mut self) {
+        for ordinal in self.residency.loads() {
+            self.in_flight += 1;
+            self.loader.order(ordinal);
+        }
+    }
+
+    fn settle(&mut self, (ordinal, outcome): Outcome) {
+        self.loads += 1;
+        self.in_flight -= 1;
+        match outcome {
+            Ok(page) => self.residency.loaded(page),
+            Err(error) => {
+                if self.residency.failed(ordinal) {
+                    self.failures.push(PageFailure { ordinal, error });
+                }
+            }
+        }
+    }
+
+    /// What to copy before this frame's queries.
+    pub fn frame(&mut self) -> Frame {
+        self.residency.frame()
+    }
+
+    /// Pages that failed since the last call; each is named once.
+    pub fn take_failures(&mut self) -> Vec<PageFailure> {
+        std::mem::take(&mut self.failures)
+    }
+}

@@ -1,0 +1,13 @@
+//! The runtime against the reader and against its CPU twin, on a real driver: Mesa's software Vulkan is enough, and a
+//! machine without one fails here with the line that installs it.
+
+#[path = "../../examples/engine.rs"]
+mod engine;
+mod later;
+mod parity;
+mod support;
+// The naive tree of the reader's tests, and files made of it.
+#[allow(dead_code)]
+#[path = "../../../reader/tests/suite/tree.rs"]
+mod tree;
+mod view;

@@ -1,0 +1,197 @@
+//! Kernel against twin against reader: equal to the bit, whatever is resident and whatever the bytes say.
+
+use std::time::Instant;
+
+use umbrage_format::checksum::{block_crc, content_hash, header_crc, page_crc};
+use umbrage_format::{BlockHeader, Header, PageRecord, SectionRecord, StructureRecord};
+use umbrage_reader::query::mh::{PageView, descend};
+use umbrage_reader::{CheckedPage, Container, Limits, MemorySource, Structure};
+use umbrage_runtime::GpuStreamer;
+use umbrage_runtime::query::mh::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, NONE, Pool, WORD_SHIFT};
+use zerocopy::{FromBytes, IntoBytes};
+
+use crate::support::{device, opened, queries, random_tree, shared_city};
+use crate::tree::Dice;
+
+/// Streams whatever the dice ask for until nothing more comes; with `all`, every page.
+fn fill(gpu: &mut GpuStreamer, dice: &mut Dice, all: bool) {
+    let pages = gpu.streamer().structure().page_count();
+    let wanted: Vec<bool> = (0..pages).map(|_| all || dice.roll(3) != 0).collect();
+    for _ in 0..60 {
+        for (ordinal, _) in (0u32..).zip(&wanted).filter(|(_, w)| **w) {
+            gpu.streamer_mut().request(ordinal);
+        }
+        // One query at a place that is answered at once: its feedback adds no wish.
+        gpu.answer(0, &[[0, 0, 255, 0]]).unwrap();
+        while gpu.streamer().is_loading() {
+            gpu.streamer_mut().wait(std::time::Duration::from_millis(20));
+        }
+    }
+}
+
+/// Holds the device's answers against the twin's on the device's own bytes, and against the reader's walk.
+fn compare(gpu: &mut GpuStreamer, structure: &Structure, queries: &[[u32; 4]]) -> [usize; 3] {
+    let log2 = structure.record().log2_resolution;
+    let start = Instant::now();
+    let answers = gpu.answer(0, queries).unwrap();
+    let device_time = start.elapsed();
+    let (words, table) = gpu.read_back().unwrap();
+    let pool = Pool { words: &words, table: &table, log2_resolution: log2 };
+    let pages: Vec<Option<CheckedPage>> =
+        (0u32..).zip(&table).map(|(o, e)| (e[0] != NONE).then(|| structure.page(o).unwrap())).collect();
+    for ((page, entry), ordinal) in pages.iter().zip(&table).zip(0u32..) {
+        let Some(page) = page else { continue };
+        let at = entry[0] as usize;
+        assert_eq!(&words[at..at + page.words().len()], page.words(), "page {ordinal}");
+        assert_eq!(entry[1], page.record().first_child.get());
+    }
+    let lookup = |o: u32| {
+        let page = pages.get(o as usize)?.as_ref()?;
+        Some(PageView { words: page.words(), first_child: page.record().first_child.get() })
+    };
+    let mut seen = [0; 3];
+    for (query, answer) in queries.iter().zip(&answers) {
+        assert_eq!(*answer, pool.answer(0, *query), "twin, query {query:?}");
+        let [x, y, level, depth] = *query;
+        if pool.outside(x, y) {
+            seen[2] += 1;
+            continue;
+        }
+        let d = descend(lookup, 0, log2, x, y, level.min(255) as u8);
+        let whole = if d.missing.is_none() { EXACT } else { ANCESTOR };
+        let lit = if depth <= d.value { LIT } else { 0 };
+        let state = u32::from(d.level) << LEVEL_SHIFT | d.word << WORD_SHIFT | lit | whole;
+        assert_eq!(*answer, [d.value, state, d.missing.unwrap_or(NONE), d.page], "reader, query {query:?}");
+        seen[usize::from(d.missing.is_some())] += 1;
+    }
+    if queries.len() > 100_000 {
+        let start = Instant::now();
+        let sum = queries.iter().map(|q| u64::from(pool.answer(0, *q)[0])).fold(0, u64::wrapping_add);
+        eprintln!("device {device_time:.1?}, twin on one core {:.1?} (sum {sum})", start.elapsed());
+    }
+    seen
+}
+
+/// All pages, then a part of them in a new streamer.
+fn hold(name: &str, structure: &Structure, seed: u64) {
+    let headless = device();
+    let log2 = structure.record().log2_resolution;
+    let mut dice = Dice(seed);
+    let queries = queries(&mut dice, log2, 1_000_000);
+    for all in [true, false] {
+        let start = Instant::now();
+        let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, structure, 64 << 20).unwrap();
+        fill(&mut gpu, &mut dice, all);
+        let stats = gpu.streamer().stats();
+        assert_eq!(stats.resident == structure.page_count(), all, "{stats:?}");
+        let seen = compare(&mut gpu, structure, &queries);
+        assert_eq!(seen[1] == 0, all);
+        assert!(seen[0] > 100_000 && seen[2] > 10_000, "{seen:?}");
+        eprintln!(
+            "{name}: {} of {} pages, exact, by ancestors, outside {seen:?}, {:.1} s",
+            stats.resident,
+            structure.page_count(),
+            start.elapsed().as_secs_f64()
+        );
+    }
+}
+
+#[test]
+fn a_million_queries_on_a_random_tree() {
+    let (tree, bytes) = random_tree("parity-tree", 5, 10, &[8, 6, 4, 2]);
+    let structure = opened(bytes);
+    hold("tree", &structure, 17);
+    // And the reader's walk is the naive tree's, so the device's is.
+    let map = umbrage_reader::query::mh::MhMap::new(structure).unwrap();
+    assert_eq!(map.texel(517, 300, 0).unwrap().value, tree.lookup(10, 517, 300, 0));
+}
+
+#[test]
+fn a_million_queries_on_a_city() {
+    hold("city", &opened(shared_city()), 23);
+}
+
+/// Makes the checksums of a file of one structure and one index block good again.
+fn repair(bytes: &mut [u8]) {
+    let header = *Header::ref_from_prefix(bytes).unwrap().0;
+    let count = header.section_count.get() as usize;
+    let sections = <[SectionRecord]>::ref_from_prefix_with_elems(&bytes[Header::BYTES..], count).unwrap().0.to_vec();
+    let [structures, index] = [0, 1].map(|i| sections[i].offset.get() as usize);
+    let id = header.file_id;
+    let mut block = bytes[index..index + 4096].to_vec();
+    let records = BlockHeader::ref_from_prefix(&block).unwrap().0.record_count.get() as usize;
+    let records = <[PageRecord]>::mut_from_prefix_with_elems(&mut block[64..], records).unwrap().0;
+    for (i, r) in (0u32..).zip(records.iter_mut()) {
+        let page = &bytes[r.offset.get() as usize..r.end() as usize];
+        (r.crc32, r.content_hash) = (page_crc(&id, 0, i, page).into(), content_hash(page).into());
+        // Any value may stand in a page here: the test is about walks.
+        (r.min_depth, r.max_depth) = (0.into(), u32::MAX.into());
+    }
+    let crc = block_crc(&id, 0, 0, &block[4..]);
+    block[..4].copy_from_slice(&crc.to_le_bytes());
+    let first = *PageRecord::ref_from_prefix(&block[64..]).unwrap().0;
+    bytes[index..index + 4096].copy_from_slice(&block);
+    let s = StructureRecord::mut_from_prefix(&mut bytes[structures..]).unwrap().0;
+    s.root_page = first;
+    s.crc32 = s.computed_crc(&id, 0).into();
+    let crc = header_crc(&header, sections.as_bytes());
+    bytes[124..128].copy_from_slice(&crc.to_le_bytes());
+}
+
+/// Files whose pages were changed at random and whose checksums are right: pages that pass their checks, next to pages
+/// that do not and are missing. Some parents then announce other children than the child page has.
+#[test]
+fn accepted_garbage_gives_the_same_answers() {
+    let headless = device();
+    let (_, bytes) = crate::tree::small("parity-garbage");
+    let first = opened(bytes.clone()).page_record(0).unwrap().offset.get() as usize;
+    let mut dice = Dice(4);
+    let (mut changed, mut refused) = (0, 0);
+    for _ in 0..1500 {
+        let mut bad = bytes.clone();
+        for _ in 0..=dice.roll(6) {
+            let at = first + 4 * dice.roll(((bytes.len() - first) / 4) as u32) as usize;
+            let word = match dice.roll(4) {
+                0 => dice.roll(u32::MAX),
+                1 => dice.roll(64) << 16 | dice.roll(256),
+                2 => dice.roll(4) << 16 | 0x100 | dice.roll(256),
+                // A type in a mask: the likeliest to be accepted.
+                _ => u32::from_le_bytes(bad[at..at + 4].try_into().unwrap()) ^ 1 << dice.roll(16),
+            };
+            bad[at..at + 4].copy_from_slice(&word.to_le_bytes());
+        }
+        repair(&mut bad);
+        let Ok(file) = Container::open(std::sync::Arc::new(MemorySource::new(bad.clone(), "bad")), Limits::default())
+        else {
+            continue;
+        };
+        let structure = file.structure(0).unwrap();
+        let good = (0..structure.page_count()).filter(|&o| structure.page(o).is_ok()).count() as u32;
+        if structure.page(0).is_err() {
+            refused += 1;
+            let error = GpuStreamer::new(&headless.device, &headless.queue, &structure, 4 << 20);
+            assert!(error.is_err(), "a root that breaks a rule");
+            continue;
+        }
+        if bad == bytes || dice.roll(4) != 0 {
+            continue;
+        }
+        changed += u32::from(good == structure.page_count());
+        let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, 4 << 20).unwrap();
+        for _ in 0..5 {
+            (0..structure.page_count()).for_each(|o| gpu.streamer_mut().request(o));
+            gpu.answer(0, &[[0, 0, 255, 0]]).unwrap();
+            while gpu.streamer().is_loading() {
+                gpu.streamer_mut().wait(std::time::Duration::from_millis(20));
+            }
+        }
+        let side = 8;
+        let all: Vec<_> = [0, 1, 2, 3, 255]
+            .into_iter()
+            .flat_map(|l| (0..side * side).map(move |i| [i % side, i / side, l, 77]))
+            .collect();
+        compare(&mut gpu, &structure, &all);
+    }
+    eprintln!("garbage: {changed} files wholly accepted and compared, {refused} roots refused");
+    assert!(changed >= 20 && refused >= 20, "{changed} {refused}");
+}

@@ -1,0 +1,85 @@
+//! A device for all tests, files to stream, and a generator of queries.
+
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use umbrage_format::Kind;
+use umbrage_reader::{Container, Limits, MemorySource, Structure};
+use umbrage_runtime::Headless;
+use umbrage_writer::bake::{BakeOptions, Light, bake};
+use umbrage_writer::container::ContainerOptions;
+use umbrage_writer::hierarchy::build::Progress;
+use umbrage_writer::solid::Policy;
+
+use crate::tree::{Dice, Folder, ID, Naive, grow, pages, structure, write};
+
+/// One device for the whole program; without a driver every test fails and says what to install.
+pub fn device() -> &'static Headless {
+    static DEVICE: OnceLock<Headless> = OnceLock::new();
+    DEVICE.get_or_init(|| match Headless::new() {
+        Ok(headless) => {
+            eprintln!("adapter: {}", headless.name);
+            headless
+        }
+        Err(error) => panic!("{error}"),
+    })
+}
+
+/// Structure 0 of a file in memory.
+pub fn opened(bytes: Vec<u8>) -> Structure {
+    let file = Container::open(Arc::new(MemorySource::new(bytes, "memory")), Limits::default()).unwrap();
+    file.structure(0).unwrap()
+}
+
+/// A small city, baked.
+pub fn city(path: &Path, resolution: u64) -> Vec<u8> {
+    let mesh = umbrage_writer::scene::generated("city:1:0.05").unwrap().unwrap();
+    let options = BakeOptions {
+        lights: vec![Light { name: "sun".into(), direction: [0.4, -1.0, 0.3] }],
+        resolution,
+        policy: Policy::Closed,
+        exhaustive: false,
+        memory_bytes: None,
+    };
+    bake(&mesh, &options, path, &Progress::default()).unwrap();
+    std::fs::read(path).unwrap()
+}
+
+/// [`city`], baked once for all tests that want 2048 texels on a side.
+pub fn shared_city() -> Vec<u8> {
+    static CITY: OnceLock<Vec<u8>> = OnceLock::new();
+    CITY.get_or_init(|| {
+        let folder = Folder::new("runtime-city");
+        city(&folder.0.join("city.umb"), 2048)
+    })
+    .clone()
+}
+
+/// A random tree in a file of many pages.
+pub fn random_tree(name: &str, seed: u64, log2: u8, cuts: &[u8]) -> (Naive, Vec<u8>) {
+    let tree = grow(&mut Dice(seed), log2, true, 7);
+    let pages = pages(&tree, log2, cuts);
+    let record = structure("sun", Kind::Mh, log2, pages.len());
+    let bytes = write(name, ContainerOptions::new(ID), &[(record, pages)]);
+    (tree, bytes)
+}
+
+/// Queries (x, y, level, depth): random ones, and ones along the borders of nodes of every level and of the map.
+pub fn queries(dice: &mut Dice, log2: u8, count: usize) -> Vec<[u32; 4]> {
+    let side = 1u32 << log2;
+    let coordinate = |dice: &mut Dice| match dice.roll(8) {
+        0 => {
+            let step = 1u32 << dice.roll(u32::from(log2) + 1);
+            let border = dice.roll(side / step + 1) * step;
+            border.wrapping_add(dice.roll(3)).wrapping_sub(1)
+        }
+        1 => [0, side - 1, side, u32::MAX][dice.roll(4) as usize],
+        _ => dice.roll(side),
+    };
+    (0..count)
+        .map(|_| {
+            let level = [dice.roll(u32::from(log2) + 2), 0, 255][dice.roll(3).min(2) as usize];
+            [coordinate(dice), coordinate(dice), level, dice.roll(u32::MAX)]
+        })
+        .collect()
+}
