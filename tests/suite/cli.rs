@@ -187,16 +187,13 @@ fn tables_of_points_are_checked_row_by_row() {
     place.refused(2, &["query", "scan.umb", "--world", "bytes.csv", "--texels", "bytes.csv"]);
     // No points are no error.
     place.write("none.csv", "x,y,z\n");
-    assert_eq!(
-        place.fine(&["query", "scan.umb", "--world", "none.csv"]),
-        "x,y,z,depth,stored,lit,certified\n"
-    );
+    assert_eq!(place.fine(&["query", "scan.umb", "--world", "none.csv"]), "x,y,z,depth,stored,lit,certified\n");
 }
 
 #[test]
 fn query_answers_in_the_columns_of_its_help() {
     let place = Place::baked("columns");
-    place.write("points.csv", "x,y,z\r\n 0, 9 ,0\r\n-1,-2,0.5\n1e6,0,0\n");
+    place.write("points.csv", "x,y,z\r\n 0, 2 ,0\r\n-1,-2,0.5\n1e6,0,0\n");
     place.write("texels.csv", "x,y,level\n128,128,0\n64,64,1\n0,0,8\n0,0,0\n");
     let rows = |args: &[&str]| -> Vec<Vec<String>> {
         let out = place.fine(args);
@@ -211,7 +208,7 @@ fn query_answers_in_the_columns_of_its_help() {
         assert_eq!(r[5], if depth.ceil() <= f64::from(stored) { "1" } else { "0" }, "{r:?}");
         assert!(["0", "1"].contains(&r[6].as_str()), "{r:?}");
     }
-    // The ball's top sees the light; what lies below the slab does not.
+    // Above the ball there is light; below the slab there is none.
     assert_eq!((world[1][5].as_str(), world[2][5].as_str()), ("1", "0"), "{world:?}");
     let texels = rows(&["query", "scan.umb", "--texels", "texels.csv"]);
     assert_eq!(texels[0].join(","), "x,y,level,stored,certified");
@@ -237,8 +234,21 @@ fn arguments_out_of_range_are_a_wrong_use() {
         place.refused(2, &["demo", "--resolution", resolution, "--out", "new"]);
     }
     let lights = [
-        "sun", "sun=", "sun=dir", "sun=dir:", "sun=dir:1,2", "sun=dir:1,2,3,4", "sun=dir:1,x,3", "sun=dir:1,NaN,3",
-        "sun=dir:1,inf,3", "sun=dir:0,0,0", "sun=dir:0,-0,0", "=dir:0,-1,0", "sun=pos:0,1,0", "sun=dir:0;-1;0", "",
+        "sun",
+        "sun=",
+        "sun=dir",
+        "sun=dir:",
+        "sun=dir:1,2",
+        "sun=dir:1,2,3,4",
+        "sun=dir:1,x,3",
+        "sun=dir:1,NaN,3",
+        "sun=dir:1,inf,3",
+        "sun=dir:0,0,0",
+        "sun=dir:0,-0,0",
+        "=dir:0,-1,0",
+        "sun=pos:0,1,0",
+        "sun=dir:0;-1;0",
+        "",
     ];
     for light in lights {
         place.refused(2, &["bake", SCAN, "--light", light, "--resolution", "64", "-o", "new.umb"]);
@@ -249,12 +259,16 @@ fn arguments_out_of_range_are_a_wrong_use() {
     place.refused(2, &["bake", SCAN, "--resolution", "64", "-o", "new.umb"]);
     place.refused(2, &["bake", SCAN, "--light", SUN, "--resolution", "64"]);
     place.refused(2, &["bake"]);
-    place.refused(2, &[]);
+    // Nothing at all gets the help.
+    let out = place.run(&[]);
+    assert!(out.status.code() == Some(2) && text(&out).1.contains("Usage: umbrage"), "{out:?}");
     place.refused(2, &["make"]);
     for policy in ["thickness", "thickness:0", "thickness:-1", "thickness:NaN", "thickness:inf", "open", ""] {
         place.refused(2, &["bake", SCAN, "--light", SUN, "--policy", policy, "--resolution", "64", "-o", "new.umb"]);
     }
-    for scene in ["city:", "city:-1", "city:1:0", "city:1:17", "city:1:-1", "city:1:NaN", "town:1", "folder/scene.obj", ""] {
+    for scene in
+        ["city:", "city:-1", "city:1:0", "city:1:17", "city:1:-1", "city:1:NaN", "town:1", "folder/scene.obj", ""]
+    {
         place.refused(3, &["bake", scene, "--light", SUN, "--resolution", "64", "-o", "new.umb"]);
     }
     // A negative number is the option's value, and the option says what it wants instead.
@@ -311,7 +325,12 @@ fn targets_that_cannot_be_written_are_said_so_and_stay_as_they_are() {
 /// Runs a line of the shell in the folder, `$U` being the program.
 #[cfg(unix)]
 fn shell(place: &Place, script: &str) -> Output {
-    Command::new("sh").current_dir(&place.0).env("U", env!("CARGO_BIN_EXE_umbrage")).args(["-c", script]).output().unwrap()
+    Command::new("sh")
+        .current_dir(&place.0)
+        .env("U", env!("CARGO_BIN_EXE_umbrage"))
+        .args(["-c", script])
+        .output()
+        .unwrap()
 }
 
 #[cfg(unix)]

@@ -66,7 +66,8 @@ fn fill(corners: [[i64; 3]; 3], step: f64, first: usize, side: usize, texels: &m
             if y < p[1].min(q[1]) || y > p[1].max(q[1]) {
                 continue;
             }
-            let ends = if p[1] == q[1] { [p[0], q[0]] } else { [p[0] + (q[0] - p[0]) * ((y - p[1]) / (q[1] - p[1])); 2] };
+            let ends =
+                if p[1] == q[1] { [p[0], q[0]] } else { [p[0] + (q[0] - p[0]) * ((y - p[1]) / (q[1] - p[1])); 2] };
             (left, right) = (left.min(ends[0]).min(ends[1]), right.max(ends[0]).max(ends[1]));
         }
         if left > right {

@@ -96,6 +96,18 @@ impl From<umbrage::reader::ReaderError> for Failure {
     }
 }
 
+impl From<umbrage::writer::bake::BakeError> for Failure {
+    fn from(e: umbrage::writer::bake::BakeError) -> Self {
+        use umbrage::writer::bake::BakeError;
+        let code = match &e {
+            BakeError::Frame(umbrage::writer::frame::FrameError::Bounds(..)) | BakeError::Solid(_) => 3,
+            BakeError::Frame(_) | BakeError::Name { .. } => 2,
+            _ => 5,
+        };
+        Failure { code, message: e.to_string() }
+    }
+}
+
 fn run(args: &Args) -> Result<(), Failure> {
     let report = match args.suite {
         Suite::Size => suite::size::run(args)?,

@@ -60,7 +60,13 @@ impl Plot {
         let range = |axis: usize| {
             let above = || all().map(|p| p[axis]).filter(|v| *v > 0.0 && v.is_finite());
             let (low, high) = (above().fold(f64::INFINITY, f64::min), above().fold(0.0, f64::max));
-            let (low, high) = if low < high { (low, high) } else if high > 0.0 { (high, high) } else { (0.1, 1.0) };
+            let (low, high) = if low < high {
+                (low, high)
+            } else if high > 0.0 {
+                (high, high)
+            } else {
+                (0.1, 1.0)
+            };
             // Values of 0 lie on the axis: a decade below the least that is above it.
             let zero = all().any(|p| p[axis] <= 0.0);
             (low / if zero { 10.0 } else { 1.5 })..(high * 1.5)
@@ -68,15 +74,21 @@ impl Plot {
         let (x, y) = (range(0), range(1));
         let (least_x, least_y) = (x.start, y.start);
         let at = |p: &[f64; 2]| (p[0].max(least_x), p[1].max(least_y));
-        let root = SVGBackend::new(path, (900, 560)).into_drawing_area();
+        let root = SVGBackend::new(path, (1120, 560)).into_drawing_area();
         root.fill(&WHITE)?;
-        let mut chart = ChartBuilder::on(&root)
+        // The legend stands beside the picture: no place within is sure to be free.
+        let (left, right) = root.split_horizontally(860);
+        let mut chart = ChartBuilder::on(&left)
             .caption(&self.title, ("sans-serif", 20))
             .margin(12)
             .x_label_area_size(44)
             .y_label_area_size(76)
             .build_cartesian_2d(x.log_scale(), y.log_scale())?;
-        let number = |v: &f64| if (0.01..1e5).contains(v) { format!("{v}") } else { format!("{v:e}") };
+        // Ticks are sums of decimal fractions: digits beyond the third are noise.
+        let number = |v: &f64| {
+            let rounded = format!("{v:.2e}").parse().unwrap_or(*v);
+            if (0.001..1e5).contains(v) { format!("{rounded}") } else { format!("{rounded:e}") }
+        };
         chart
             .configure_mesh()
             .x_desc(&self.axes[0])
@@ -87,28 +99,27 @@ impl Plot {
             .draw()?;
         if self.hull {
             // On the axes as drawn, so that the line bends where the eye expects it to.
-            let log: Vec<[f64; 2]> = all().map(|p| { let (x, y) = at(p); [x.ln(), y.ln()] }).collect();
+            let log: Vec<[f64; 2]> = all()
+                .map(|p| {
+                    let (x, y) = at(p);
+                    [x.ln(), y.ln()]
+                })
+                .collect();
             let hull = lower_hull(&log).into_iter().map(|p| (p[0].exp(), p[1].exp()));
             let style = ShapeStyle { color: BLACK.mix(0.35), filled: false, stroke_width: 4 };
-            chart.draw_series(LineSeries::new(hull, style))?.label("lower hull").legend(move |(x, y)| {
-                PathElement::new(vec![(x, y), (x + 18, y)], style)
-            });
+            chart.draw_series(LineSeries::new(hull, style))?;
+            right.draw(&PathElement::new(vec![(4, 40), (20, 40)], style))?;
+            right.draw(&Text::new("lower hull", (28, 34), ("sans-serif", 13)))?;
         }
         for (i, series) in self.series.iter().enumerate() {
             let color = Palette99::pick(i).to_rgba();
             let mut points: Vec<(f64, f64)> = series.points.iter().map(at).collect();
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
-            chart
-                .draw_series(LineSeries::new(points, color.stroke_width(2)).point_size(4))?
-                .label(&series.name)
-                .legend(move |(x, y)| Circle::new((x + 9, y), 4, color.filled()));
+            chart.draw_series(LineSeries::new(points, color.filled().stroke_width(2)).point_size(4))?;
+            let y = 60 + 20 * i as i32;
+            right.draw(&Circle::new((12, y), 4, color.filled()))?;
+            right.draw(&Text::new(series.name.as_str(), (28, y - 6), ("sans-serif", 13)))?;
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(BLACK.mix(0.3))
-            .draw()?;
         root.present()?;
         Ok(())
     }

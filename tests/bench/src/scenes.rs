@@ -19,7 +19,8 @@ use crate::Failure;
 pub const SCENES: [&str; 3] = ["city:1", "forest:1", "scan:1"];
 /// Directions in which light travels: the demo's, a high one, a low one, one from the other side. None is aligned with
 /// an axis or a diagonal of the scenes.
-pub const LIGHTS: [[f64; 3]; 4] = [scene::DEMO_LIGHT, [0.21, -0.93, -0.17], [-0.83, -0.34, 0.27], [-0.37, -0.61, -0.53]];
+pub const LIGHTS: [[f64; 3]; 4] =
+    [scene::DEMO_LIGHT, [0.21, -0.93, -0.17], [-0.83, -0.34, 0.27], [-0.37, -0.61, -0.53]];
 
 /// A mesh by its name.
 pub struct Model {
@@ -39,10 +40,15 @@ pub fn names<'a>(given: &'a [String], own: &[&'a str]) -> Vec<&'a str> {
 /// Makes or loads a scene.
 pub fn load(name: &str) -> Result<Model, Failure> {
     let model = |mesh, policy| Model { name: name.to_string(), mesh, policy };
-    match scene::generated(name) {
-        Some(mesh) => Ok(model(mesh.map_err(Failure::input)?, Policy::Closed)),
-        None => Err(Failure::input(format!("scene {name}: give city:SEED, forest:SEED or scan:SEED"))),
+    if let Some(mesh) = scene::generated(name) {
+        return Ok(model(mesh.map_err(Failure::input)?, Policy::Closed));
     }
+    let loaded = scene::load::load(Path::new(name)).map_err(Failure::input)?;
+    loaded.notes.iter().for_each(|note| eprintln!("{name}: {note}"));
+    if !loaded.masks.is_empty() {
+        eprintln!("{name}: triangles with an alpha mask are taken as solid");
+    }
+    Ok(model(loaded.mesh, Policy::Auto))
 }
 
 impl Model {
@@ -86,7 +92,7 @@ impl Model {
     pub fn bake(&self, light: [f64; 3], resolution: u64, folder: &Folder) -> Result<(Baked, PathBuf), Failure> {
         let file = folder.file();
         let baked = bake(&self.mesh, &self.options(light, resolution, false), &file, &Progress::default());
-        Ok((baked.map_err(Failure::target)?, file))
+        Ok((baked?, file))
     }
 }
 

@@ -1,0 +1,232 @@
+//! `query`: time of one lookup on one thread, without a cache of the last leaf, against plain arrays.
+//!
+//! The arrays hold the map's own values, so that all candidates give the same answers. Texels come from the pixels of
+//! recorded views, in pixel order, and uniformly at random; all coordinates are made before any clock runs.
+
+use std::hint::black_box;
+
+use rayon::prelude::*;
+use serde_json::json;
+use umbrage::reader::query::mh::{MhMap, ResidentMh};
+use umbrage::render::Scene;
+
+use crate::plot::{Plot, Series};
+use crate::random::Random;
+use crate::report::{Report, Table, bytes, side};
+use crate::scenes::{self, Folder, LIGHTS};
+use crate::timing::Samples;
+use crate::{Args, Failure};
+
+/// Pictures of the recorded views.
+const PICTURE: [u32; 2] = [1280, 720];
+/// Random lookups.
+const RANDOM: usize = 1 << 22;
+/// Rounds in which all candidates take turns.
+const ROUNDS: usize = 9;
+/// Where texels come from.
+const CASES: [&str; 2] = ["pixel order", "random"];
+/// Most that a lookup may take, in lookups of the row-major array, by case.
+const GOALS: [f64; 2] = [2.0, 5.0];
+/// Side of the square tiles of the tiled array.
+const TILE_LOG2: u32 = 3;
+
+/// A texel on the finest level.
+type Texel = [u32; 2];
+
+/// Runs the suite.
+pub fn run(args: &Args) -> Result<Report, Failure> {
+    let mut report = Report::new("query");
+    let resolution = args.resolutions.first().copied().unwrap_or(16384);
+    let folder = Folder::new()?;
+    for name in scenes::names(&args.scenes, &["city:1"]) {
+        let model = scenes::load(name)?;
+        let (baked, file) = model.bake(LIGHTS[0], resolution, &folder)?;
+        let geometry = Scene::new(&baked.last);
+        let pictures = scenes::views(&geometry, &model.cameras()?, PICTURE[0], PICTURE[1]);
+        let receivers = pictures.iter().flat_map(|v| v.receivers.iter().flatten());
+        let in_views: Vec<Texel> = receivers.map(|r| r.texel(&baked.last.lattice)).collect();
+        let log2 = resolution.trailing_zeros();
+        let mut random = Random::new(1, 0);
+        let shift = 64 - log2;
+        let at_random: Vec<Texel> = (0..RANDOM).map(|_| [0, 1].map(|_| (random.bits() >> shift) as u32)).collect();
+        drop(pictures);
+        let map = scenes::open(&file)?;
+        let resident = map.preload()?;
+        let bench = Bench { name, resolution, log2, resident, map, arrays: Arrays::default() };
+        let bench = bench.with_arrays();
+        for (i, texels) in [in_views, at_random].iter().enumerate() {
+            bench.measure(CASES[i], texels, GOALS[i], &file, &mut report)?;
+        }
+        report.notes.push(format!(
+            "{name}: file {}, resident {}, each array {}",
+            bytes(baked.bytes),
+            bytes(bench.resident.bytes() as u64),
+            bytes(bench.arrays.rows.len() as u64 * 4)
+        ));
+    }
+    report
+        .notes
+        .push("ratio: of medians to the row-major array in the same case; in brackets over single rounds".to_string());
+    for case in CASES {
+        let exact = report.rows.iter().filter(|r| r["case"] == case && r["level"] == 0 && r["pass"] == "warm");
+        let series = exact.map(|r| Series {
+            name: format!("{} {}", r["scene"].as_str().unwrap_or(""), r["method"].as_str().unwrap_or("")),
+            points: vec![["ns", "bytes_held"].map(|k| r[k].as_f64().unwrap_or(0.0))],
+        });
+        let plot = Plot {
+            title: format!("One exact lookup on one thread, {case}"),
+            axes: ["ns".to_string(), "bytes held".to_string()],
+            series: series.collect(),
+            hull: true,
+        };
+        report.plots.push((case.replace(' ', "-"), plot));
+    }
+    Ok(report)
+}
+
+/// Plain maps.
+#[derive(Default)]
+struct Arrays {
+    rows: Vec<u32>,
+    tiles: Vec<u32>,
+}
+
+struct Bench<'a> {
+    name: &'a str,
+    resolution: u64,
+    log2: u32,
+    resident: ResidentMh,
+    map: MhMap,
+    arrays: Arrays,
+}
+
+impl Bench<'_> {
+    fn with_arrays(mut self) -> Self {
+        let side = self.resolution as usize;
+        let count = side * side;
+        let value = |x: usize, y: usize| self.resident.value(x as u32, y as u32, 0);
+        let mut rows = vec![0u32; count];
+        rows.par_chunks_mut(side).enumerate().for_each(|(y, row)| {
+            row.iter_mut().enumerate().for_each(|(x, v)| *v = value(x, y));
+        });
+        let mut tiles = vec![0u32; count];
+        let tile = 1usize << TILE_LOG2;
+        tiles.par_chunks_mut(side * tile).enumerate().for_each(|(strip, out)| {
+            for (i, v) in out.iter_mut().enumerate() {
+                let (column, within) = (i / (tile * tile), i % (tile * tile));
+                let (x, y) = (column * tile + within % tile, strip * tile + within / tile);
+                *v = rows[y * side + x];
+            }
+        });
+        self.arrays = Arrays { rows, tiles };
+        self
+    }
+
+    fn row_major(&self, [x, y]: Texel) -> u32 {
+        self.arrays.rows[(y as usize) << self.log2 | x as usize]
+    }
+
+    fn tiled(&self, [x, y]: Texel) -> u32 {
+        let within = (y & 7) << TILE_LOG2 | (x & 7);
+        self.arrays.tiles
+            [(y as usize >> TILE_LOG2) << (self.log2 + TILE_LOG2) | ((x as usize >> TILE_LOG2) << 6) | within as usize]
+    }
+
+    /// Times all candidates on one list of texels.
+    fn measure(
+        &self,
+        case: &str,
+        texels: &[Texel],
+        goal: f64,
+        file: &std::path::Path,
+        report: &mut Report,
+    ) -> Result<(), Failure> {
+        for &t in texels.iter().step_by(1009) {
+            let lazily = self.map.texel(t[0], t[1], 0)?.value;
+            let all = [self.resident.value(t[0], t[1], 0), self.row_major(t), self.tiled(t)];
+            if all.iter().any(|v| *v != lazily) {
+                return Err(Failure { code: 1, message: format!("texel {t:?}: {lazily} lazily, but {all:?}") });
+            }
+        }
+        let level = |l: u8| move |t: Texel| self.resident.value(t[0], t[1], l);
+        let lazy = |map: &MhMap, t: Texel| map.texel(t[0], t[1], 0).map_or(0, |a| a.value);
+        let mut fresh: Vec<MhMap> = Vec::new();
+        for _ in 0..=ROUNDS {
+            fresh.push(scenes::open(file)?);
+        }
+        let array = self.arrays.rows.len() as u64 * 4;
+        let on_disk = std::fs::metadata(file).map_or(0, |m| m.len());
+        let resident = self.resident.bytes() as u64;
+        // Name, level, pass, bytes held.
+        let methods = [
+            ("row-major array", 0, "warm", array),
+            ("tiled array", 0, "warm", array),
+            ("mh resident", 0, "warm", resident),
+            ("mh resident", 3, "warm", resident),
+            ("mh resident", 6, "warm", resident),
+            ("mh lazy", 0, "warm", on_disk),
+            ("mh lazy", 0, "first", on_disk),
+        ];
+        let samples = Samples::take(
+            ROUNDS,
+            &mut [
+                &mut || sum(texels, |t| self.row_major(t)),
+                &mut || sum(texels, |t| self.tiled(t)),
+                &mut || sum(texels, level(0)),
+                &mut || sum(texels, level(3)),
+                &mut || sum(texels, level(6)),
+                &mut || sum(texels, |t| lazy(&self.map, t)),
+                &mut || {
+                    if let Some(map) = fresh.pop() {
+                        sum(texels, |t| lazy(&map, t));
+                    }
+                },
+            ],
+        );
+        let mut table = Table::new(
+            &format!(
+                "{}, {} a side, {case}: {} lookups, {ROUNDS} rounds",
+                self.name,
+                side(self.resolution),
+                texels.len()
+            ),
+            &["method", "level", "pass", "ns", "min..max", "ratio", "min..max"],
+        );
+        let per = 1e9 / texels.len() as f64;
+        let base = samples[0].clone();
+        for ((method, level, pass, held), s) in methods.iter().zip(&samples) {
+            let (ns, ratio) = (s.median() * per, s.median() / base.median());
+            let ([low, high], [least, most]) = (s.spread(), s.over(&base).spread());
+            table.push([
+                method.to_string(),
+                level.to_string(),
+                pass.to_string(),
+                format!("{ns:.2}"),
+                format!("{:.2}..{:.2}", low * per, high * per),
+                format!("{ratio:.2}"),
+                format!("{least:.2}..{most:.2}"),
+            ]);
+            report.rows.push(json!({
+                "scene": self.name, "resolution": self.resolution, "case": case, "method": method, "level": level,
+                "pass": pass, "bytes_held": held,
+                "lookups": texels.len(), "ns": ns, "ns_min": low * per, "ns_max": high * per,
+                "ratio": ratio, "ratio_min": least, "ratio_max": most,
+            }));
+        }
+        let ratio = samples[2].median() / base.median();
+        let what = format!("{}: mh resident in {case} at most {goal} x the row-major array", self.name);
+        report.goal(ratio <= goal, what, format!("{ratio:.2} x"));
+        report.tables.push(table);
+        Ok(())
+    }
+}
+
+/// One pass; the sum keeps the lookups.
+#[inline(always)]
+fn sum(texels: &[Texel], mut lookup: impl FnMut(Texel) -> u32) {
+    let mut total = 0u32;
+    for &t in black_box(texels) {
+        total = total.wrapping_add(lookup(t));
+    }
+    black_box(total);
+}

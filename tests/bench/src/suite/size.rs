@@ -1,0 +1,124 @@
+//! `size`: bytes of whole files, with all levels, against an uncompressed depth map and one compressed tile by tile.
+
+use serde_json::json;
+
+use crate::plot::{Plot, Series};
+use crate::report::{Report, Table, bytes, side};
+use crate::scenes::{self, Folder, LIGHTS, SCENES};
+use crate::{Args, Failure, depth_map};
+
+/// zstd's level.
+const LEVEL: i32 = 3;
+/// Side of a compressed tile.
+const TILE: usize = depth_map::STRIP;
+
+/// Runs the suite.
+pub fn run(args: &Args) -> Result<Report, Failure> {
+    let mut report = Report::new("size");
+    let mut table = Table::new(
+        "whole files, one light, kind mh",
+        &[
+            "scene",
+            "side",
+            "file",
+            "leaf",
+            "inner",
+            "empty",
+            "B/node",
+            "bit/texel",
+            "pages",
+            "edge %",
+            "f32",
+            "f32 : file",
+            "zstd",
+            "zstd : file",
+        ],
+    );
+    let resolutions = match (&args.resolutions[..], args.full) {
+        ([], false) => vec![4096, 16384],
+        ([], true) => vec![4096, 16384, 65536],
+        (given, _) => given.to_vec(),
+    };
+    let folder = Folder::new()?;
+    let mut series: Vec<Series> = Vec::new();
+    for name in scenes::names(&args.scenes, &SCENES) {
+        let model = scenes::load(name)?;
+        let mut curves = ["mh", "f32", "zstd"]
+            .map(|k| Series { name: if k == "f32" { k.to_string() } else { format!("{name} {k}") }, points: vec![] });
+        for &resolution in &resolutions {
+            let (baked, file) = model.bake(LIGHTS[0], resolution, &folder)?;
+            let light = &baked.lights[0];
+            let nodes: u64 = light.nodes.iter().sum();
+            let raw = 4 * resolution * resolution;
+            let zstd = compressed(&baked.last)?;
+            let texels = (resolution * resolution) as f64;
+            let edge = light.counts.edge_texels as f64 / texels;
+            let ratio = |n: u64| n as f64 / baked.bytes as f64;
+            table.push([
+                name.to_string(),
+                side(resolution),
+                bytes(baked.bytes),
+                light.nodes[0].to_string(),
+                light.nodes[1].to_string(),
+                light.nodes[2].to_string(),
+                format!("{:.2}", baked.bytes as f64 / nodes as f64),
+                format!("{:.3}", baked.bytes as f64 * 8.0 / texels),
+                light.pages.to_string(),
+                format!("{:.3}", edge * 100.0),
+                bytes(raw),
+                format!("{:.1}", ratio(raw)),
+                bytes(zstd),
+                format!("{:.2}", ratio(zstd)),
+            ]);
+            report.rows.push(json!({
+                "scene": name, "light": LIGHTS[0], "resolution": resolution, "bytes": baked.bytes,
+                "leaf": light.nodes[0], "inner": light.nodes[1], "empty": light.nodes[2],
+                "bytes_per_node": baked.bytes as f64 / nodes as f64, "pages": light.pages, "edge_share": edge,
+                "thin_texels": light.counts.thin_texels, "triangles": baked.triangles,
+                "f32_bytes": raw, "f32_ratio": ratio(raw), "zstd_bytes": zstd, "zstd_ratio": ratio(zstd),
+            }));
+            for (curve, v) in curves.iter_mut().zip([baked.bytes, raw, zstd]) {
+                curve.points.push([resolution as f64, v as f64]);
+            }
+            // A file of the next resolution needs the room.
+            std::fs::remove_file(&file).map_err(|e| Failure::target(format!("{}: {e}", file.display())))?;
+        }
+        // An uncompressed map has no scene: one curve is enough.
+        let again = !series.is_empty();
+        series.extend(curves.into_iter().enumerate().filter(|(k, _)| !(again && *k == 1)).map(|(_, c)| c));
+    }
+    report.tables.push(table);
+    report.notes.push(format!(
+        "zstd: level {LEVEL}, tiles of {TILE} x {TILE} u32 depths of texel centres, each compressed alone"
+    ));
+    report.plots.push((
+        "resolution".to_string(),
+        Plot {
+            title: "Size of one light's map".to_string(),
+            axes: ["texels on a side".to_string(), "bytes".to_string()],
+            series,
+            hull: false,
+        },
+    ));
+    Ok(report)
+}
+
+/// Bytes of a plain depth map whose tiles are compressed one by one; holds a strip per thread.
+fn compressed(mesh: &umbrage::writer::solid::SnappedMesh) -> Result<u64, Failure> {
+    let width = mesh.lattice.resolution() as usize;
+    let tile = width.min(TILE);
+    let strip = |_, texels: &[u32]| -> std::io::Result<u64> {
+        let mut compressor = zstd::bulk::Compressor::new(LEVEL)?;
+        let mut raw = Vec::with_capacity(tile * tile * 4);
+        let mut sum = 0;
+        for column in (0..width).step_by(tile) {
+            raw.clear();
+            for row in texels.chunks(width) {
+                row[column..column + tile].iter().for_each(|v| raw.extend_from_slice(&v.to_le_bytes()));
+            }
+            sum += compressor.compress(&raw)?.len() as u64;
+        }
+        Ok(sum)
+    };
+    depth_map::strips(mesh, strip).into_iter().sum::<std::io::Result<u64>>().map_err(Failure::target)
+}

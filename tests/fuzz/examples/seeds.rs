@@ -1,0 +1,62 @@
+//! Makes the kept seeds of every target: `cargo run --manifest-path tests/fuzz/Cargo.toml --example seeds`.
+
+use std::path::Path;
+
+fn main() -> std::io::Result<()> {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
+    let put = |target: &str, name: &str, bytes: &[u8]| {
+        let folder = corpus.join(target);
+        std::fs::create_dir_all(&folder)?;
+        std::fs::write(folder.join(name), bytes)
+    };
+    // A corner of a coordinate is its place on the grid of 32; 64 is one step beside it.
+    let (touching, nested, coplanar): (&[u8], &[u8], &[u8]) = (
+        &[0, 4, 4, 2, 12, 12, 8, 0, 12, 4, 2, 20, 12, 8, 0, 12, 12, 8, 24, 24, 12],
+        &[0, 2, 2, 2, 28, 28, 20, 8, 6, 6, 6, 20, 20, 12, 0, 8, 8, 7, 10, 10, 9],
+        &[0, 4, 4, 4, 16, 16, 10, 0, 8, 8, 4, 24, 24, 10, 2, 4, 4, 10, 28, 4, 10, 4, 28, 10, 4, 4, 20],
+    );
+    // The policies in their order: closed, one-sided, thickness, second-surface, auto.
+    let policies = [&[0u8][..], &[1], &[2, 3], &[3], &[4]];
+    let names = ["closed", "one-sided", "thickness", "second-surface", "auto"];
+    for ((setup, policy), name) in [2u8, 3, 1, 0b1001_1010, 6].into_iter().zip(policies).zip(names) {
+        for (shapes, what) in [(touching, "touching"), (nested, "nested"), (coplanar, "coplanar")] {
+            if name == "closed" || what == "coplanar" {
+                put("intervals", &format!("{name}-{what}"), &[&[setup, 2], policy, shapes].concat())?;
+            }
+        }
+    }
+    put(
+        "intervals",
+        "sheets-with-thickness",
+        &[&[2u8, 2, 2, 2][..], &[5, 1, 1, 4, 30, 2, 8, 3, 29, 12, 6, 4, 4, 9, 20, 4, 3, 20, 20, 9, 4, 20, 15]].concat(),
+    )?;
+    put(
+        "intervals",
+        "slabs-beside-the-grid",
+        &[&[3u8, 0x0E, 4][..], &[4, 66, 130, 3, 92, 5, 9, 7, 200, 60, 2, 7, 1, 1, 7, 0, 2]].concat(),
+    )?;
+
+    let words = |words: &[u32]| words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>();
+    let page = |log2: u8, place: u8, w: &[u32]| [&[log2, place][..], &words(w)].concat();
+    put("page", "root-leaf", &page(0, 0, &[0x0100, 0, 7]))?;
+    // an inner root with four leaves, and one with an empty child and a child in another page
+    put("page", "root-inner", &page(1, 0, &[0x0200, 0, 0x0004_0055, 9, 1, 2, 3, 4]))?;
+    put("page", "root-mixed", &page(3, 0, &[0x0001_0200, 0, 0x0004_002D, 9, 5, 0x0008_0001, 0x0000_0155, 8, 6]))?;
+    put("page", "group", &page(5, 0x80 | 2, &[0x0000_8D00, 0, 5, 0x0006_0005, 0x0008_0044, 8, 1, 2, 3, 4]))?;
+
+    put("open", "leaf", &[3])?;
+    put("open", "tree", &[3 | 1 << 2])?;
+    put("open", "two", &[3 | 2 << 2])?;
+    // a value, a mask and a count changed, checksums good again; a bit flipped, checksums not repaired
+    put("open", "values", &[3 | 1 << 2, 4 | 4 << 3, 12, 0, 9, 9, 0, 0])?;
+    put("open", "masks", &[3 | 1 << 2, 4, 8, 0, 0x99, 0, 0, 0, 2 | 2 << 3, 20, 1, 1, 0, 0, 0])?;
+    put("open", "flip", &[1 | 1 << 2, 3 | 1 << 3, 40, 0, 3, 0, 0, 0])?;
+    put("open", "garbage", b"\0\xD5UMB\r\n\x1A\n\x01\0\0\0\x80\0\0\0")?;
+
+    put("roundtrip", "tree-flat", &[0])?;
+    put("roundtrip", "tree-cut", &[3 << 1, 0x0C, 2, 1, 0, 15, 0, 3, 0, 1, 1, 0, 7, 0, 9, 9, 2, 8, 8, 5, 0, 1, 1])?;
+    put("roundtrip", "image-small", &[1, 4, 3, 0, 0, 0x12, 0x34, 0x13, 0xFF, 0x12])?;
+    put("roundtrip", "image-many-pages", &[1, 15, 20, 200, 0, 0x12, 0x34, 0x13, 0xFF, 0x80, 0x7F, 3])?;
+    put("roundtrip", "image-whole-squares", &[1, 12, 30, 9, 3, 1, 2, 3, 0xFF, 5, 6, 7, 0x88])?;
+    Ok(())
+}

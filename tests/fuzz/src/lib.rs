@@ -1,0 +1,24 @@
+//! Fuzz targets, each with a claim beyond 'no crash'. A target is a function of bytes, so that the kept inputs in
+//! `corpus` also run as an ordinary test on a stable compiler.
+//!
+//! - [`open`]: a file that is accepted answers every texel of every level, lazily and preloaded alike;
+//! - [`page`]: `mh::check` accepts just what a naive walk accepts, and every node it counts is found by a lookup;
+//! - [`roundtrip`]: intervals and trees come back from the file as a naive evaluation has them, at every level;
+//! - [`intervals`]: the baker's tree holds what the exact oracle allows, with the oracle's counts.
+//!
+//! ```text
+//! cargo +nightly fuzz run --fuzz-dir tests/fuzz TARGET -- -max_total_time=120     from the root of the repository
+//! cargo test --manifest-path tests/fuzz/Cargo.toml                                the kept inputs, any compiler
+//! cargo run --manifest-path tests/fuzz/Cargo.toml --example seeds                 makes the kept seeds again
+//! ```
+#![forbid(unsafe_code)]
+
+pub mod input;
+pub mod intervals;
+pub mod open;
+pub mod page;
+pub mod roundtrip;
+
+#[path = "../../../reader/tests/suite/tree.rs"]
+#[allow(dead_code, missing_docs)]
+mod tree;

@@ -1,0 +1,23 @@
+//! Every kept input through its target: what a fuzzer once found stays found, on any compiler.
+
+use std::path::Path;
+
+#[test]
+fn kept_inputs_hold_their_claims() {
+    type Target = fn(&[u8]);
+    let targets: [(&str, Target); 4] = [
+        ("open", umbrage_fuzz::open::run),
+        ("page", umbrage_fuzz::page::run),
+        ("roundtrip", umbrage_fuzz::roundtrip::run),
+        ("intervals", umbrage_fuzz::intervals::run),
+    ];
+    for (name, run) in targets {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(name);
+        let files: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()).collect();
+        assert!(files.len() >= 3, "{}", folder.display());
+        for file in files {
+            println!("{}", file.display());
+            run(&std::fs::read(&file).unwrap());
+        }
+    }
+}
