@@ -1,7 +1,7 @@
 //! Umbrage: precomputed light in a container, and the way back out.
 //!
 //! The crates under their own names: [`format`] (bytes), [`writer`] (bakes), [`reader`] (opens, checks, answers),
-//! [`runtime`] (streams to the GPU). Here:
+//! `runtime` (streams to the GPU; feature `gpu`). Here:
 //! [`render`] (pictures on the CPU) and [`certify`] (the exact oracle that shares no code with the baker's rasteriser).
 #![forbid(unsafe_code)]
 
@@ -10,5 +10,6 @@ pub mod render;
 
 pub use umbrage_format as format;
 pub use umbrage_reader as reader;
+#[cfg(feature = "gpu")]
 pub use umbrage_runtime as runtime;
 pub use umbrage_writer as writer;

@@ -4,10 +4,8 @@ use serde_json::{Value, json};
 use umbrage::reader::query::mh::MhMap;
 use umbrage::reader::{Container, Structure};
 use umbrage::render::View;
-use umbrage::runtime::RuntimeError;
-use umbrage::runtime::gpu::{GpuStreamer, Headless, Receiver, ViewOptions, ViewStats};
 
-use super::{Failure, REFUSED, TARGET, output, picture};
+use super::{Failure, TARGET, output, picture};
 
 /// What is asked to answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -29,17 +27,25 @@ pub struct Shadows {
     /// Pages read.
     pub pages_read: u64,
     /// Figures of the streamer, where one answered.
-    pub stream: Option<ViewStats>,
+    pub stream: Option<Streamed>,
 }
 
-impl From<RuntimeError> for Failure {
-    fn from(e: RuntimeError) -> Self {
-        match e {
-            RuntimeError::Reader(e) => e.into(),
-            RuntimeError::UnsupportedKind(_) => Failure::new(REFUSED, e),
-            e => Failure::new(TARGET, e),
-        }
-    }
+/// What streaming took.
+pub struct Streamed {
+    /// Most bytes that the streamer may hold.
+    pub budget_bytes: u64,
+    /// Bytes uploaded.
+    pub uploaded_bytes: u64,
+    /// Frames.
+    pub frames: u32,
+    /// Whether every answer is exact.
+    pub exact: bool,
+    /// Pages evicted.
+    pub evicted: u64,
+    /// Most pages that found no room in a frame.
+    pub starved: u32,
+    /// Pages that could not be read.
+    pub failed: u32,
 }
 
 /// Half of the pages' bytes within 8 to 128 MiB: less than a large file, enough for a view.
@@ -57,12 +63,13 @@ impl Shadows {
         budget: u64,
     ) -> Result<Shadows, Failure> {
         if backend != Backend::Cpu {
-            match Headless::new() {
-                Ok(device) => return Shadows::on_gpu(view, &structure, &device, budget),
-                Err(e) if backend == Backend::Auto => {
-                    return Shadows::on_cpu(view, container, structure, format!("the CPU ({e})"));
+            match gpu::answer(view, &structure, budget) {
+                Err(gpu::Failed::NoDevice(why)) if backend == Backend::Auto => {
+                    return Shadows::on_cpu(view, container, structure, format!("the CPU ({why})"));
                 }
-                Err(e) => return Err(e.into()),
+                Err(gpu::Failed::NoDevice(why)) => return Err(Failure::new(TARGET, why)),
+                Err(gpu::Failed::Other(failure)) => return Err(failure),
+                Ok(shadows) => return Ok(shadows),
             }
         }
         Shadows::on_cpu(view, container, structure, "the CPU".to_string())
@@ -72,25 +79,6 @@ impl Shadows {
         let before = container.counters().pages;
         let lit = picture::lit_by_map(view, &MhMap::new(structure)?)?;
         Ok(Shadows { lit, by, pages_read: container.counters().pages - before, stream: None })
-    }
-
-    fn on_gpu(view: &View, structure: &Structure, device: &Headless, budget: u64) -> Result<Shadows, Failure> {
-        let lattice = structure.lattice();
-        let mut streamer = GpuStreamer::new(&device.device, &device.queue, structure, budget)?;
-        let receivers: Vec<Receiver> = view
-            .receivers
-            .iter()
-            .flatten()
-            .map(|r| {
-                let [x, y] = r.texel(&lattice);
-                Receiver { x, y, depth: r.depth.query() }
-            })
-            .collect();
-        let answer = streamer.answer_view(&receivers, &ViewOptions::default())?;
-        let mut pixels = answer.pixels.iter();
-        let lit = view.receivers.iter().map(|r| r.is_none() || pixels.next().is_none_or(|p| p.lit)).collect();
-        let stats = answer.stats;
-        Ok(Shadows { lit, by: device.name.clone(), pages_read: stats.pages_read, stream: Some(stats) })
     }
 
     /// Lines for people.
@@ -112,11 +100,93 @@ impl Shadows {
     pub fn json(&self) -> Value {
         let stream = self.stream.as_ref().map(|s| {
             json!({
-                "budget_bytes": s.budget_bytes, "pool_bytes": s.pool_bytes, "uploaded_bytes": s.uploaded_bytes,
+                "budget_bytes": s.budget_bytes, "uploaded_bytes": s.uploaded_bytes,
                 "frames_until_exact": s.exact.then_some(s.frames), "frames": s.frames, "evicted": s.evicted,
                 "starved": s.starved, "failed": s.failed,
             })
         });
         json!({"by": self.by, "pages_read": self.pages_read, "stream": stream})
+    }
+}
+
+#[cfg(feature = "gpu")]
+mod gpu {
+    use umbrage::reader::Structure;
+    use umbrage::render::View;
+    use umbrage::runtime::RuntimeError;
+    use umbrage::runtime::gpu::{GpuStreamer, Headless, Receiver, ViewOptions};
+
+    use super::super::{Failure, REFUSED, TARGET};
+    use super::{Shadows, Streamed};
+
+    /// Why the device did not answer.
+    pub enum Failed {
+        /// There is none.
+        NoDevice(String),
+        /// Anything else.
+        Other(Failure),
+    }
+
+    impl From<RuntimeError> for Failed {
+        fn from(e: RuntimeError) -> Self {
+            Failed::Other(match e {
+                RuntimeError::Reader(e) => e.into(),
+                RuntimeError::UnsupportedKind(_) => Failure::new(REFUSED, e),
+                e => Failure::new(TARGET, e),
+            })
+        }
+    }
+
+    /// Streams what the view needs to the device and asks there.
+    pub fn answer(view: &View, structure: &Structure, budget: u64) -> Result<Shadows, Failed> {
+        let device = Headless::new().map_err(|e| Failed::NoDevice(e.to_string()))?;
+        let lattice = structure.lattice();
+        let mut streamer = GpuStreamer::new(&device.device, &device.queue, structure, budget)?;
+        let receivers: Vec<Receiver> = view
+            .receivers
+            .iter()
+            .flatten()
+            .map(|r| {
+                let [x, y] = r.texel(&lattice);
+                Receiver { x, y, depth: r.depth.query() }
+            })
+            .collect();
+        let answer = streamer.answer_view(&receivers, &ViewOptions::default())?;
+        let mut pixels = answer.pixels.iter();
+        let lit = view.receivers.iter().map(|r| r.is_none() || pixels.next().is_none_or(|p| p.lit)).collect();
+        let s = answer.stats;
+        let stream = Streamed {
+            budget_bytes: s.budget_bytes,
+            uploaded_bytes: s.uploaded_bytes,
+            frames: s.frames,
+            exact: s.exact,
+            evicted: s.evicted,
+            starved: s.starved,
+            failed: s.failed,
+        };
+        Ok(Shadows { lit, by: device.name.clone(), pages_read: s.pages_read, stream: Some(stream) })
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+mod gpu {
+    use umbrage::reader::Structure;
+    use umbrage::render::View;
+
+    use super::super::Failure;
+    use super::Shadows;
+
+    /// Why the device did not answer.
+    pub enum Failed {
+        /// There is none.
+        NoDevice(String),
+        /// Never without the feature.
+        #[allow(dead_code)]
+        Other(Failure),
+    }
+
+    /// Says that this program has no GPU in it.
+    pub fn answer(_: &View, _: &Structure, _: u64) -> Result<Shadows, Failed> {
+        Err(Failed::NoDevice("built without the feature gpu; build with it or use --backend cpu".to_string()))
     }
 }

@@ -29,7 +29,8 @@ impl Place {
 
     fn command(&self, args: &[&str]) -> Command {
         let mut c = Command::new(env!("CARGO_BIN_EXE_umbrage"));
-        c.current_dir(&self.0).args(args).stdin(Stdio::null());
+        // Without it, display libraries below the GPU's driver print lines of their own.
+        c.current_dir(&self.0).args(args).stdin(Stdio::null()).env("XDG_RUNTIME_DIR", &self.0);
         c
     }
 
