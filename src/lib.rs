@@ -1,6 +1,6 @@
 //! Umbrage: precomputed light in a container, and the way back out.
 //!
-//! The crates under their own names: [`format`] (bytes), [`writer`] (bakes), [`reader`] (opens, checks, answers),
+//! The crates under their own names: [`mod@format`] (bytes), [`writer`] (bakes), [`reader`] (opens, checks, answers),
 //! `runtime` (streams to the GPU; feature `gpu`). Here:
 //! [`render`] (pictures on the CPU) and [`certify`] (the exact oracle that shares no code with the baker's rasteriser).
 #![forbid(unsafe_code)]

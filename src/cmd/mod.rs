@@ -83,7 +83,7 @@ impl Failure {
 
     /// Stopped by a signal.
     pub fn interrupted() -> Self {
-        Failure::new(INTERRUPTED, "interrupted; nothing was left behind")
+        Failure::new(INTERRUPTED, "interrupted; no unfinished file was left behind")
     }
 }
 

@@ -33,7 +33,7 @@ pub struct Args {
     #[arg(long, default_value_t = 45.0, allow_negative_numbers = true)]
     fov: f64,
     /// Pixels
-    #[arg(long, default_value = "1280x720", value_name = "WxH", value_parser = parse_size)]
+    #[arg(long, default_value = "1280x720", value_name = "WxH", value_parser = parse_size, allow_hyphen_values = true)]
     size: [u32; 2],
     /// What answers the shadows
     #[arg(long, value_enum, default_value_t = Backend::Auto)]

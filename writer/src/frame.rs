@@ -51,7 +51,7 @@ pub fn axes(direction: [f64; 3]) -> Result<[[f64; 3]; 3], FrameError> {
 }
 
 /// The orthographic lattice of a light over points of the world: the square fit of their bounds in the light's
-/// frame plus one texel (half on each side); depth from [`DEPTH_MARGIN`] to the last depth plus `depth_behind`
+/// frame plus one texel (half on each side); depth from `DEPTH_MARGIN` to the last depth plus `depth_behind`
 /// (world units, for geometry that is given a thickness) and the same margin.
 pub fn orthographic(
     direction: [f64; 3],

@@ -351,7 +351,7 @@ pub struct Link {
 }
 
 /// Calls `visit` with the index and the [`Link`] of every child page that a page refers to. The page must have passed
-/// [`check`]; on other words it ends all the same.
+/// [`check`], which makes the walk linear; on other words it may take exponential time.
 pub fn links(page: &[u32], head: &FrameHead, cx: &PageContext<'_>, mut visit: impl FnMut(u16, Link)) {
     let mut waiting =
         [(ROOT_GROUP, Mask(head.root_mask), head.root_level, cx.page.origin_x.get(), cx.page.origin_y.get()); WAITING];

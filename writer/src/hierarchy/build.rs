@@ -140,6 +140,9 @@ impl Context<'_> {
         }
         if at.level <= TILE_LEVEL {
             let part = self.tile(at, list);
+            if self.cancelled() {
+                return None;
+            }
             self.progress.hold(&part.forest);
             self.done(at.level);
             return Some(part);
@@ -217,7 +220,8 @@ impl Tile<'_> {
         let p = [0, 1].map(|i| (i64::from(at.origin[i]) << bits) - corner[i]);
         let size = 1i64 << (at.level + bits);
         let list = &self.stack[start..];
-        if is_open(self.rays.locals, list) {
+        // a cancelled tile is thrown away, so any answer will do
+        if is_open(self.rays.locals, list) || self.cx.cancelled() {
             return Node::uniform(Interval::UNCOVERED);
         }
         if at.level == 0 {

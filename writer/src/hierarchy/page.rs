@@ -8,7 +8,7 @@ use umbrage_format::kind::mh::{self, Children, NodeType};
 
 use super::mh::{CUT, Group, NONE, Node, Span};
 
-/// Most words of an ordinary page (8 KiB); see NOTES.md beside this file for what other sizes cost.
+/// Most words of an ordinary page (8 KiB); see NOTES.md beside this file.
 pub const PAGE_WORDS: u32 = 2048;
 /// Most words of the root page (48 KiB): with the first 16 KiB of the file it makes 64 KiB.
 pub const ROOT_WORDS: u32 = 12288;

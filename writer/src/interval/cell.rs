@@ -24,6 +24,8 @@ struct Line {
 
 struct Face<'a> {
     surface: &'a Surface,
+    /// Bounds of the rounded-up depth over the texel.
+    range: (i64, i64),
     /// Depth is `(n + gx x + gy y) / den`, texel-relative.
     n: BigInt,
     gx: BigInt,
@@ -82,7 +84,15 @@ impl<'a> Cell<'a> {
                 let at = i128::from(a) * i128::from(corner[0]) + i128::from(b) * i128::from(corner[1]) + c;
                 Line { a: a.into(), b: b.into(), c: at.into() }
             });
-            faces.push(Face { surface: s, n, gx: gx.into(), gy: gy.into(), den, edges });
+            faces.push(Face {
+                surface: s,
+                range: l.ceil_range(p[0], p[1], size),
+                n,
+                gx: gx.into(),
+                gy: gy.into(),
+                den,
+                edges,
+            });
         }
         let size = BigInt::from(size);
         let one = || BigInt::from(1);
@@ -108,6 +118,10 @@ impl<'a> Cell<'a> {
         }
         for (i, f) in faces.iter().enumerate() {
             for g in &faces[i + 1..] {
+                if f.range.1 < g.range.0 || g.range.1 < f.range.0 {
+                    // one lies in front of the other all over
+                    continue;
+                }
                 let a = &f.gx * &g.den - &g.gx * &f.den;
                 let b = &f.gy * &g.den - &g.gy * &f.den;
                 let c = &f.n * &g.den - &g.n * &f.den;

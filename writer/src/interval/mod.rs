@@ -24,8 +24,8 @@ pub enum Event {
     Enter,
     /// It leaves the solid.
     Leave,
-    /// Nothing: the surface of a closed solid is seen edge-on. It covers no open cell, but a solid's counter may differ
-    /// on its two sides.
+    /// Nothing: a wall of a closed solid seen edge-on, or the rim of open geometry. It covers no open cell, but a
+    /// solid's counter may differ on its two sides.
     Wall,
 }
 

@@ -8,7 +8,8 @@
 //! the whole square; else the largest depth in F) every ray is inside c: in the first case because it has passed an
 //! entry and no exit, in the second because no surface of c crosses depth v0 (the other entries begin behind it, walls seen edge-on end
 //! before it or begin behind), so
-//! c's counter there is one number over the whole square (c is closed), and it is counted at one ray. The ray stays inside c up to
+//! c's counter there is one number over the whole square, and it is counted at one ray. (Open geometry is met from
+//! both sides: there the entries in F must all face the light or all face away, and its rims count as walls.) The ray stays inside c up to
 //! X: the *slab* [v0, X - 1] of c. Take the slab that begins first, [v, h]. Every lo is at most v. A ray can be out
 //! of all solids between its lo and v only after an exit of another solid in front of c's entry: refuse unless each
 //! exit that begins at or before v lies nowhere in front of c's entries (compared as planes over the square). Another
@@ -17,7 +18,7 @@
 //!
 //! Extremes over a surface come first from its plane over the whole square, which costs a few additions. A *close*
 //! proof clips the surface to the square (and, for the comparison with an entry, to that entry) with a margin of
-//! [`MARGIN`] lattice steps outward, far above what rounding can move an edge.
+//! `MARGIN` lattice steps outward, far above what rounding can move an edge.
 
 use super::triangle::{Cover, Local};
 use super::{DEEPEST, Event, Interval};
@@ -187,12 +188,14 @@ impl Prover {
         if covering != i64::MAX {
             return Some((covering, last));
         }
-        // the counter changes at the rims of open geometry and at walls, too
+        let facing = |k: usize| locals[list[k] as usize].facing;
+        let mut front = (start..end).filter(|k| event(*k) == Event::Enter && self.reach[*k].high <= last);
+        let turned = front.next().is_some_and(|first| front.any(|k| facing(k) != facing(first)));
         let walled = (start..end).any(|k| {
             let r = self.reach[k];
             event(k) == Event::Wall && r.low <= deepest && deepest < r.high
         });
-        if deepest == i64::MIN || others <= deepest || walled || !locals[list[start] as usize].closed {
+        if deepest == i64::MIN || others <= deepest || walled || turned {
             return None;
         }
         let centre = [p[0] + size / 2, p[1] + size / 2];
@@ -205,8 +208,8 @@ impl Prover {
 
     /// Second-surface: a first group of surfaces that meets every ray exactly once, then a gap.
     ///
-    /// How many surfaces of a closed component a ray meets before the gap is one number over the square if all of them
-    /// are entries or all are exits; of open geometry only what covers the square is met by every ray.
+    /// How many surfaces of a component a ray meets before the gap is one number over the square if all of them face the
+    /// light or all face away, and no wall or rim of it crosses the gap.
     fn prove_second(&mut self, locals: &[Local], list: &[u32], p: [i64; 2], size: i64) -> Option<Interval> {
         let mut order: Vec<usize> =
             (0..list.len()).filter(|k| locals[list[*k] as usize].event != Event::Wall).collect();
@@ -225,8 +228,8 @@ impl Prover {
                 local(k).event == Event::Wall && r.low <= highest && highest < r.high
             });
             let constant = |k: usize| {
-                let same = |j: &usize| local(*j).solid != local(k).solid || local(*j).event == local(k).event;
-                self.reach[k].all || (local(k).closed && !walled && group.iter().all(same))
+                let same = |j: &usize| local(*j).solid != local(k).solid || local(*j).facing == local(k).facing;
+                self.reach[k].all || (!walled && group.iter().all(same))
             };
             let centre = [p[0] + size / 2, p[1] + size / 2];
             let met = group.iter().filter(|k| local(**k).covers(centre[0], centre[1], 1, 1)).count();
@@ -242,8 +245,11 @@ fn interval(low: i64, high: i64) -> Option<Interval> {
     (low <= high).then_some(Interval { min: low as u32, max: high as u32 })
 }
 
-/// Whether plane `t` is nowhere in front of plane `f` over the square.
+/// Whether `t` is nowhere in front of `f` over the square, as surfaces or as planes.
 fn behind(t: &Local, f: &Local, p: [i64; 2], size: i64) -> bool {
+    if t.zmin >= f.zmax {
+        return true;
+    }
     let (sx, sy) = (t.sx - f.sx, t.sy - f.sy);
     let z = (t.z0 - f.z0) + sx * p[0] as f64 + sy * p[1] as f64;
     let s = size as f64;

@@ -51,10 +51,9 @@ pub struct Scratch {
     pub effort: Effort,
 }
 
-/// The exact arrangement is asked where no edges are left, or at most this many surfaces...
+/// The exact arrangement is asked where no edges are left, where at most this many surfaces are left in an eighth of a
+/// texel, or with edges in a sixteenth, and in any case in a sixty-fourth.
 const EXACT_LIST: usize = 10;
-/// ...in a square of at most this part of a texel.
-const EXACT_SIDE: i64 = 8;
 
 /// Largest lo and smallest hi seen so far, as ceilings; `open` once a ray met nothing.
 struct Bounds {
@@ -90,7 +89,7 @@ pub fn is_open(locals: &[Local], list: &[u32]) -> bool {
     list.iter().all(|i| locals[*i as usize].event == Event::Wall)
 }
 
-/// Whether all surfaces cover the square and no two of them cross or touch in it.
+/// Whether all surfaces cover the square and no two of them cross or touch in it, but for level ones that coincide.
 fn layered(rays: &Rays, list: &[u32], p: [i64; 2], size: i64) -> bool {
     let local = |i: &u32| &rays.locals[*i as usize];
     if !list.iter().all(|i| local(i).cover(p[0], p[1], size) == Cover::All) {
@@ -103,6 +102,11 @@ fn layered(rays: &Rays, list: &[u32], p: [i64; 2], size: i64) -> bool {
         at(a).total_cmp(&at(b))
     });
     order.windows(2).all(|w| {
+        // level surfaces may coincide: that is the same all over, and rays put entries first
+        let level = |l: &Local| l.zmin == l.zmax;
+        if w[0].zmax < w[1].zmin || (level(w[0]) && level(w[1]) && w[0].zmax == w[1].zmin) {
+            return true;
+        }
         (0..4).all(|c| {
             let q = [p[0] + (c & 1) * size, p[1] + (c >> 1) * size];
             w[0].approximate(q[0], q[1]) + w[0].eps < w[1].approximate(q[0], q[1]) - w[1].eps
@@ -202,8 +206,11 @@ fn settle(
     {
         return Settled::Right(i);
     }
-    let edges = list.iter().filter(|i| rays.locals[**i as usize].cover(p[0], p[1], size) != Cover::All).count();
-    if edges == 0 || size == 1 || (list.len() <= EXACT_LIST && size * EXACT_SIDE <= texel) {
+    let faces = || list.iter().map(|i| &rays.locals[*i as usize]).filter(|l| l.event != Event::Wall);
+    let edges = faces().filter(|l| l.cover(p[0], p[1], size) != Cover::All).count();
+    let small = |part: i64| size * part <= texel;
+    let few = (small(8) && faces().count() <= EXACT_LIST) || (small(16) && edges <= EXACT_LIST);
+    if edges == 0 || size == 1 || few || small(64) {
         scratch.effort.exact += 1;
         return match Cell::new(rays, list, p, size, bounds.hi).area(0, DEEPEST + 1) {
             Some(i) => {

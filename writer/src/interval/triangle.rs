@@ -23,11 +23,11 @@ pub struct Surface {
     pub solid: u32,
     /// What happens to the ray there.
     pub event: Event,
-    /// The solid is a closed component (with cavities), so its counter only changes at its surfaces.
-    pub closed: bool,
+    /// The outside of the triangle looks toward the light (counter-clockwise seen from there, as the mesh has it).
+    pub facing: bool,
 }
 
-/// All surfaces of a mesh, sorted by solid, then by their order in the mesh.
+/// All surfaces of a mesh, sorted by solid, then by their order in the mesh, rims last.
 pub fn surfaces(mesh: &SnappedMesh) -> Vec<Surface> {
     let mut order: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
     order.sort_by_key(|i| mesh.solid[*i as usize]);
@@ -36,11 +36,7 @@ pub fn surfaces(mesh: &SnappedMesh) -> Vec<Surface> {
         let v = mesh.triangles[i as usize].map(|k| mesh.positions[k as usize]);
         let area = (i128::from(v[1][0]) - i128::from(v[0][0])) * (i128::from(v[2][1]) - i128::from(v[0][1]))
             - (i128::from(v[2][0]) - i128::from(v[0][0])) * (i128::from(v[1][1]) - i128::from(v[0][1]));
-        if area == 0 && mesh.solids[mesh.solid[i as usize] as usize] != SolidKind::Closed {
-            // edge-on: covers no open cell of any texel
-            continue;
-        }
-        if v.iter().all(|p| p[..2] == v[0][..2]) {
+        if area == 0 && v.iter().all(|p| p[..2] == v[0][..2]) {
             // a point seen from the light separates nothing
             continue;
         }
@@ -53,11 +49,11 @@ pub fn surfaces(mesh: &SnappedMesh) -> Vec<Surface> {
             z: v.map(|p| (p[2].clamp(1, i64::from(u32::MAX) - 1) as u32).saturating_add(shift).min(u32::MAX - 1)),
             solid,
             event,
-            closed: mesh.solids[solid as usize] == SolidKind::Closed,
+            facing: area < 0,
         };
         match mesh.solids[solid as usize] {
             // counter-clockwise from outside and seen counter-clockwise along +z means the normal points along +z
-            SolidKind::Closed if area == 0 => out.push(surface(Event::Wall, 0)),
+            _ if area == 0 => out.push(surface(Event::Wall, 0)),
             SolidKind::Closed => out.push(surface(if area < 0 { Event::Enter } else { Event::Leave }, 0)),
             SolidKind::Sheet { thickness } => {
                 out.push(surface(Event::Enter, 0));
@@ -67,7 +63,36 @@ pub fn surfaces(mesh: &SnappedMesh) -> Vec<Surface> {
             }
         }
     }
+    rims(mesh, &mut out);
+    // stable: the order within a solid stays
+    out.sort_by_key(|s| s.solid);
     out
+}
+
+/// Adds the rims of open geometry: edges whose directions do not cancel, as walls that reach to the end of depth,
+/// because a ray's count differs on their two sides from there on.
+fn rims(mesh: &SnappedMesh, out: &mut Vec<Surface>) {
+    let mut edges: Vec<(u32, u32, u32, bool)> = Vec::new();
+    for (t, &solid) in mesh.triangles.iter().zip(&mesh.solid) {
+        if mesh.solids[solid as usize] != SolidKind::Closed {
+            for k in 0..3 {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                edges.push((solid, a.min(b), a.max(b), a < b));
+            }
+        }
+    }
+    edges.sort_unstable();
+    for run in edges.chunk_by(|a, b| (a.0, a.1, a.2) == (b.0, b.1, b.2)) {
+        let up = run.iter().filter(|e| e.3).count();
+        let (a, b) = (mesh.positions[run[0].1 as usize], mesh.positions[run[0].2 as usize]);
+        if 2 * up == run.len() || a[..2] == b[..2] {
+            continue;
+        }
+        let corner = |i: usize| [a[i], b[i], b[i]].map(|c| c.clamp(0, i64::from(u32::MAX)) as u32);
+        let [za, zb, _] = corner(2);
+        let (x, y, z) = (corner(0), corner(1), [za, zb, u32::MAX]);
+        out.push(Surface { x, y, z, solid: run[0].0, event: Event::Wall, facing: false });
+    }
 }
 
 /// An exact depth: `floor + rem / den`, `0 <= rem < den`.
@@ -143,8 +168,8 @@ pub struct Local {
     pub solid: u32,
     /// What happens to the ray there.
     pub event: Event,
-    /// See [`Surface::closed`].
-    pub closed: bool,
+    /// See [`Surface::facing`].
+    pub facing: bool,
     /// Index among all surfaces, for exact depths.
     pub index: u32,
 }
@@ -250,7 +275,7 @@ impl Surface {
             eps,
             solid: self.solid,
             event: self.event,
-            closed: self.closed,
+            facing: self.facing,
             index,
         }
     }
