@@ -3,6 +3,7 @@
 mod bake;
 mod demo;
 mod dump;
+mod merge;
 mod output;
 mod picture;
 mod query;
@@ -44,6 +45,8 @@ pub enum Command {
     Query(query::Args),
     /// Draw a view of the scene with the shadows of a container
     Render(render::Args),
+    /// Put the lights of several containers into one
+    Merge(merge::Args),
     /// Show what is in a container
     Dump(dump::Args),
     /// Check every rule of the format and, with the source, every stored value
@@ -59,6 +62,7 @@ impl Command {
             Command::Bake(a) => bake::run(a),
             Command::Query(a) => query::run(a),
             Command::Render(a) => render::run(a),
+            Command::Merge(a) => merge::run(a),
             Command::Dump(a) => dump::run(a),
             Command::Verify(a) => verify::run(a),
             Command::Demo(a) => demo::run(a),

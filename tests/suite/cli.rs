@@ -457,3 +457,15 @@ fn the_demo_writes_its_files_and_has_no_wrong_pixel() {
     let edge = report["pixels_in_edge_texels"].as_u64().unwrap();
     assert!(seen > 100_000 && edge < seen, "{seen} {edge}");
 }
+
+#[test]
+fn merge_keeps_every_light_and_refuses_equal_names() {
+    let place = Place::new("merge");
+    for (file, light) in [("a.umb", "morning=dir:0.4,-0.8,0.3"), ("b.umb", "noon=dir:0.1,-0.9,0.2")] {
+        place.fine(&["bake", SCAN, "-o", file, "--light", light, "--resolution", "64"]);
+    }
+    place.fine(&["merge", "a.umb", "b.umb", "-o", "c.umb"]);
+    let proof = place.fine(&["verify", "c.umb", "--source", SCAN]);
+    assert!(proof.contains("morning") && proof.contains("noon"), "{proof}");
+    assert!(place.refused(2, &["merge", "a.umb", "a.umb", "-o", "d.umb"]).contains("morning"));
+}

@@ -139,7 +139,6 @@ fn world_points_are_held_against_the_texel() {
 
 /// A page that the writer puts behind 4 GiB, in a sparse file. A reader's test of the same is in `hostile`.
 #[test]
-#[ignore = "takes a minute where the disk is slow with 66,000 holes"]
 fn the_writer_goes_beyond_4_gib() {
     let flat = |refs: u16, tag: u32| {
         let mut p = crate::later::page(umbrage_format::page::TAG_FLAT, 0, refs, 0, &[tag]);
