@@ -375,9 +375,13 @@ fn memory_that_does_not_suffice_is_refused_with_the_figure() {
     let mut memory = 0;
     for step in 0.. {
         let with = memory.to_string();
-        let args = ["bake", CITY, "--light", SUN, "--resolution", "512", "-o", "city.umb", "--memory", &with];
-        if place.run(&args).status.success() {
-            assert!(step > 0 && memory < 256, "{memory} MiB after {step} steps");
+        let args =
+            ["bake", CITY, "--light", SUN, "--resolution", "2048", "-o", "city.umb", "--memory", &with, "--json"];
+        let out = place.run(&args);
+        if out.status.success() {
+            let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+            let peak = report["peak_memory_bytes"].as_u64().unwrap();
+            assert!(step > 0 && memory < 256 && peak <= memory << 20, "{memory} MiB after {step} steps, held {peak}");
             break;
         }
         let line = place.refused(5, &args);
@@ -386,6 +390,9 @@ fn memory_that_does_not_suffice_is_refused_with_the_figure() {
         memory = next;
     }
     assert_eq!(place.entries().len(), 1);
+    place.fine(&["bake", CITY, "--light", SUN, "--resolution", "2048", "-o", "free.umb"]);
+    let [tight, free] = ["city.umb", "free.umb"].map(|f| fs::read(place.0.join(f)).unwrap());
+    assert!(tight == free, "the budget changes no byte");
 }
 
 #[test]

@@ -2,20 +2,22 @@
 
 use umbrage::certify::{Oracle, Region};
 use umbrage::writer::hierarchy::build::{Options, build};
+use umbrage::writer::hierarchy::page::Page;
+use umbrage::writer::hierarchy::spool::Spool;
 use umbrage::writer::mesh::Mesh;
 use umbrage::writer::solid::{Policy, snap};
 use umbrage::writer::{frame, scene};
 
 /// Answers of a tree at level 0, read straight from the draft pages.
-fn stored(tree: &umbrage::writer::hierarchy::build::Tree, resolution: u32, x: u32, y: u32) -> u32 {
+fn stored(pages: &[Page], resolution: u32, x: u32, y: u32) -> u32 {
     use umbrage::format::kind::mh::{Children, Mask, Node, NodeType, child_of};
     let mut page = 0usize;
-    let mut mask = tree.pages[0].draft.root_mask;
+    let mut mask = pages[0].draft.root_mask;
     let mut start = 2usize;
     let mut level = resolution.ilog2() as u8;
     let mut value = 0;
     loop {
-        let words = &tree.pages[page].draft.words;
+        let words = &pages[page].draft.words;
         let c = if level == resolution.ilog2() as u8 { 0 } else { child_of(x, y, level) };
         let at = start + mask.words_before(c) as usize;
         match mask.child(c) {
@@ -34,9 +36,9 @@ fn stored(tree: &umbrage::writer::hierarchy::build::Tree, resolution: u32, x: u3
                 mask = Mask(node.mask.0);
             }
             Children::Page(p) => {
-                page = tree.pages[page].first_child as usize + usize::from(p);
+                page = pages[page].first_child as usize + usize::from(p);
                 start = 2;
-                mask = tree.pages[page].draft.root_mask;
+                mask = pages[page].draft.root_mask;
             }
         }
         level -= 1;
@@ -48,10 +50,11 @@ fn check(mesh: &Mesh, direction: [f64; 3], resolution: u32, policy: Policy, exha
     let behind = if let Policy::Thickness(t) = policy { t } else { 0.0 };
     let lattice = frame::orthographic(direction, k, &mesh.positions, behind).unwrap();
     let snapped = snap(mesh, lattice, policy).unwrap();
-    let tree = build(&snapped, Options { exhaustive }, &Default::default()).unwrap();
+    let tree = build(&snapped, Options { exhaustive }, Spool::in_memory(), &Default::default()).unwrap();
+    let pages: Vec<Page> = tree.spool.pages(tree.root).map(Result::unwrap).collect();
     let oracle = Oracle::new(&snapped);
     let region = Region { x: 0, y: 0, width: resolution, height: resolution };
-    let t = oracle.check(region, |x, y| stored(&tree, resolution, x, y));
+    let t = oracle.check(region, |x, y| stored(&pages, resolution, x, y));
     assert_eq!(t.wrong, 0, "{direction:?} {resolution} {policy:?}: {:?}", t.examples);
     assert_eq!(t.edge(), tree.counts.edge_texels, "{direction:?} {resolution} {policy:?}");
     assert_eq!(t.thin, tree.counts.thin_texels, "{direction:?} {resolution} {policy:?}");

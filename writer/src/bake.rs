@@ -12,13 +12,23 @@ use xxhash_rust::xxh3::Xxh3;
 
 use crate::container::{ContainerOptions, ContainerWriter, PageInput, WriteError};
 use crate::frame::{self, FrameError};
-use crate::hierarchy::build::{Counts, Options, Progress, Tree, build};
+use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree, build};
 use crate::hierarchy::page::Page;
+use crate::hierarchy::spool::Spool;
 use crate::mesh::Mesh;
 use crate::solid::{self, Components, Policy, SnappedMesh, SolidError};
 
 /// Changes whenever the same input would give other bytes.
 const GENERATOR: u32 = 1;
+
+/// Bytes of pages that a bake without a budget holds in memory before it puts them aside.
+const SPOOL: u64 = 64 << 20;
+/// The least that it holds.
+const SPOOL_LEAST: u64 = 4 << 20;
+/// The program itself, its threads' stacks and the lists of the squares they work on.
+const PROGRAM: u64 = 32 << 20;
+/// Groups of 32 x 32 squares of at most [`crate::hierarchy::page::PAGE_WORDS`], of which the root page keeps some.
+const TOP: u64 = 56 << 20;
 
 /// A directional light.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,7 +50,7 @@ pub struct BakeOptions {
     pub policy: Policy,
     /// Ask every texel, also where a whole square is proven.
     pub exhaustive: bool,
-    /// Most bytes that may be held at once; none: no limit.
+    /// Most bytes that may be held at once, the mesh included; none: no limit.
     pub memory_bytes: Option<u64>,
 }
 
@@ -137,33 +147,40 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
     solid::check_mesh(mesh)?;
     check_names(&options.lights)?;
     let geometry = check_memory(mesh, options)?;
-    progress.budget.store(options.memory_bytes.map_or(0, |b| (b - geometry).max(1)), Ordering::Relaxed);
     let file_id = file_id(mesh, options);
     let mut seconds = Seconds::default();
     let mut done: Vec<(StructureRecord, Tree, LightReport)> = Vec::new();
-    let mut last = None;
+    let mut last: Option<SnappedMesh> = None;
     for light in &options.lights {
+        // the geometry of the light before is no longer needed
+        drop(last.take());
         let start = Instant::now();
         let lattice = lattice(mesh, light, options.resolution, options.policy)?;
         let snapped = solid::snap(mesh, lattice, options.policy)?;
         seconds.snap += start.elapsed().as_secs_f64();
         let start = Instant::now();
-        let tree = build(&snapped, Options { exhaustive: options.exhaustive }, progress).ok_or_else(|| {
-            match (options.memory_bytes, progress.cancel.load(Ordering::Relaxed)) {
-                (Some(budget), false) => {
-                    memory_error(budget, "the geometry with the tree so far", geometry + progress.held())
-                }
-                _ => BakeError::Cancelled,
-            }
-        })?;
+        let held = geometry + done.iter().map(|d| d.1.spool.held()).sum::<u64>();
+        let left = options.memory_bytes.map(|budget| budget.saturating_sub(held).max(1));
+        progress.begin(left.unwrap_or(0));
+        let spool = Spool::beside(target, left.map_or(SPOOL, |l| (l / 4).clamp(SPOOL_LEAST, SPOOL)) as usize);
+        let tree =
+            build(&snapped, Options { exhaustive: options.exhaustive }, spool, progress).map_err(
+                |stop| match stop {
+                    Stop::Cancelled => BakeError::Cancelled,
+                    Stop::Spool(e) => BakeError::Write(e),
+                    Stop::Budget => {
+                        let needed = held + progress.held();
+                        memory_error(options.memory_bytes.unwrap_or(0), "the geometry with the tree so far", needed)
+                    }
+                },
+            )?;
         seconds.build += start.elapsed().as_secs_f64();
-        let nodes = tree.pages.iter().fold([0; 3], |n, p| [0, 1, 2].map(|i| n[i] + p.draft.nodes[i]));
         let record = structure(mesh, light, options, &snapped, &tree);
         let report = LightReport {
             name: light.name.clone(),
             counts: tree.counts,
-            nodes,
-            pages: tree.pages.len() as u64,
+            nodes: tree.spool.nodes(),
+            pages: tree.spool.len().into(),
             displacement: snapped.displacement,
             components: snapped.components,
         };
@@ -173,18 +190,20 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
     let start = Instant::now();
     let records = done.iter().map(|d| d.0).collect();
     let mut writer = ContainerWriter::create(target, ContainerOptions::new(file_id), records)?;
-    for (_, tree, _) in &mut done {
-        for (ordinal, page) in std::mem::take(&mut tree.pages).into_iter().enumerate() {
+    let mut lights = Vec::with_capacity(done.len());
+    for (_, tree, report) in done {
+        for (ordinal, page) in tree.spool.pages(tree.root).enumerate() {
             if progress.cancel.load(Ordering::Relaxed) {
                 return Err(BakeError::Cancelled);
             }
-            writer.push(&input(page, ordinal == 0))?;
+            writer.push(&input(page?, ordinal == 0))?;
         }
+        lights.push(report);
     }
     let written = writer.finish()?;
     seconds.write = start.elapsed().as_secs_f64();
     Ok(Baked {
-        lights: done.into_iter().map(|d| d.2).collect(),
+        lights,
         bytes: written.bytes,
         triangles: mesh.triangles.len() as u64,
         seconds,
@@ -209,12 +228,17 @@ fn memory_error(budget: u64, what: &'static str, needed: u64) -> BakeError {
     BakeError::Memory { budget, what, needed, mib: needed.div_ceil(1 << 20) + 1 }
 }
 
-/// Bytes that the geometry takes; refuses before the work begins when they outgrow the budget.
+/// Bytes that are taken whatever the tree will be; refuses before the work begins when they outgrow the budget.
 fn check_memory(mesh: &Mesh, options: &BakeOptions) -> Result<u64, BakeError> {
     // per vertex: world, lattice, weld table; per triangle: two index lists, edges while components are found, surface
-    let needed = mesh.positions.len() as u64 * (24 + 24 + 64) + mesh.triangles.len() as u64 * (24 + 8 + 48 + 64);
+    let geometry = mesh.positions.len() as u64 * (24 + 24 + 64) + mesh.triangles.len() as u64 * (24 + 8 + 48 + 64);
+    let needed = geometry + PROGRAM + SPOOL_LEAST;
+    // what stays together until the root page is made, at most
+    let top = options.resolution.saturating_mul(options.resolution).saturating_mul(16).min(TOP);
     match options.memory_bytes {
-        Some(budget) if needed > budget => Err(memory_error(budget, "the geometry", needed)),
+        Some(budget) if needed + top > budget => {
+            Err(memory_error(budget, "the geometry with the first levels of a tree", needed + top))
+        }
         _ => Ok(needed),
     }
 }
@@ -296,7 +320,7 @@ fn structure(mesh: &Mesh, light: &Light, options: &BakeOptions, snapped: &Snappe
     r.thin_texels = tree.counts.thin_texels.into();
     r.triangles = (mesh.triangles.len() as u64).into();
     r.root_count = 1.into();
-    r.page_count = (tree.pages.len() as u32).into();
+    r.page_count = tree.spool.len().into();
     r
 }
 

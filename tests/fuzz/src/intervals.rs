@@ -3,11 +3,12 @@
 //! Coordinates are multiples of a coarse step, most of the time, so that shapes touch, nest, coincide and degenerate.
 
 use umbrage::certify::{Oracle, Region};
-use umbrage_format::kind::mh::Mask;
 use umbrage_format::projection::Lattice;
 use umbrage_reader::query::mh::{PageView, descend};
 use umbrage_writer::frame;
-use umbrage_writer::hierarchy::build::{Options, Progress, Tree, build};
+use umbrage_writer::hierarchy::build::{Options, Progress, build};
+use umbrage_writer::hierarchy::page::Page;
+use umbrage_writer::hierarchy::spool::Spool;
 use umbrage_writer::mesh::Mesh;
 use umbrage_writer::solid::{Policy, SnappedMesh, snap};
 
@@ -171,25 +172,25 @@ fn shape(input: &mut Input, corners: &Corners, policy: Policy, mesh: &mut Mesh) 
 }
 
 /// Answer at level 0 of pages that have no frame yet.
-fn stored(pages: &[Vec<u32>], tree: &Tree, log2: u8, x: u32, y: u32) -> u32 {
+fn stored(pages: &[(Vec<u32>, u32)], log2: u8, x: u32, y: u32) -> u32 {
     let view = |o: u32| {
-        let first_child = tree.pages.get(o as usize)?.first_child;
-        Some(PageView { words: &pages[o as usize], first_child })
+        let (words, first_child) = pages.get(o as usize)?;
+        Some(PageView { words, first_child: *first_child })
     };
     descend(view, 0, log2, x, y, 0).value
 }
 
 fn compare(mesh: &SnappedMesh, oracle: &Oracle, exhaustive: bool, policy: Policy) {
-    let tree = build(mesh, Options { exhaustive }, &Progress::default()).expect("nobody cancels");
-    let framed = |mask: Mask, words: &[u32]| {
-        let mut words = words.to_vec();
-        words[0] = u32::from(mask.0) << 8;
-        words
+    let tree = build(mesh, Options { exhaustive }, Spool::in_memory(), &Progress::default()).expect("nobody cancels");
+    let framed = |page: Page| {
+        let mut words = page.draft.words;
+        words[0] = u32::from(page.draft.root_mask.0) << 8;
+        (words, page.first_child)
     };
-    let pages: Vec<_> = tree.pages.iter().map(|p| framed(p.draft.root_mask, &p.draft.words)).collect();
+    let pages: Vec<_> = tree.spool.pages(tree.root).map(|p| framed(p.expect("all in memory"))).collect();
     let (side, log2) = (mesh.lattice.resolution(), mesh.lattice.log2_resolution);
     let region = Region { x: 0, y: 0, width: side, height: side };
-    let truth = oracle.check(region, |x, y| stored(&pages, &tree, log2, x, y));
+    let truth = oracle.check(region, |x, y| stored(&pages, log2, x, y));
     let counts = tree.counts;
     assert!(
         (truth.wrong, truth.edge(), truth.thin) == (0, counts.edge_texels, counts.thin_texels),

@@ -11,6 +11,7 @@ use umbrage_reader::{Container, FileSource, Limits, MemorySource};
 use umbrage_writer::container::{ContainerOptions, ContainerWriter, PageInput};
 use umbrage_writer::hierarchy::mh::{Node, merge, representative};
 use umbrage_writer::hierarchy::page::{At, COARSE_DEPTH, Forest, Page};
+use umbrage_writer::hierarchy::spool::Spool;
 use umbrage_writer::interval::Interval;
 
 use crate::input::Input;
@@ -84,7 +85,7 @@ impl Image {
     }
 
     /// The tree as the builder makes it, with whole squares where the texels are all equal and `whole` says so.
-    fn build(&self, at: At, whole: bool, forest: &mut Forest) -> Node {
+    fn build(&self, at: At, whole: bool, forest: &mut Forest, spool: &Spool) -> Node {
         let [x, y] = at.origin;
         let first = self.at(x, y);
         let side = 1u32 << at.level;
@@ -92,10 +93,10 @@ impl Image {
         if at.level == 0 || (whole && equal()) {
             return Node::uniform(first);
         }
-        let mut children = [0, 1, 2, 3].map(|c| self.build(at.child(c), whole, forest));
+        let mut children = [0, 1, 2, 3].map(|c| self.build(at.child(c), whole, forest, spool));
         let mut node = merge(children, at.level - 1, &mut forest.groups);
         if self.log2 - at.level + 1 >= COARSE_DEPTH {
-            forest.cut(&mut node, at, &mut children);
+            forest.cut(&mut node, at, &mut children, spool);
         }
         node
     }
@@ -213,8 +214,15 @@ pub fn run(data: &[u8]) {
     let image = Image::read(&mut input);
     let (log2, values) = (image.log2, image.values());
     let mut forest = Forest::default();
-    let node = image.build(At { level: log2, origin: [0, 0] }, mode & 2 == 0, &mut forest);
-    let pages = forest.finish(node, log2);
+    // pages in memory, in a file, or both
+    let folder = Folder::new("fuzz-spool");
+    let spool = match mode >> 2 & 3 {
+        0 => Spool::in_memory(),
+        most => Spool::beside(&folder.0.join("map.umb"), [0, 100, 4096][usize::from(most) - 1]),
+    };
+    let node = image.build(At { level: log2, origin: [0, 0] }, mode & 2 == 0, &mut forest, &spool);
+    let root = forest.finish(node, log2, &spool);
+    let pages: Vec<Page> = spool.pages(root).map(|p| p.expect("what was put aside")).collect();
     let inputs: Vec<_> = pages.iter().enumerate().map(|(i, p)| page_input(p, i == 0)).collect();
     let expected = |x: u32, y: u32, l: u8| values[usize::from(l)][((y >> l << (log2 - l)) + (x >> l)) as usize];
     let map = compare(log2, &inputs, expected);

@@ -114,7 +114,7 @@ pub enum WriteError {
 
 impl WriteError {
     /// Sorts a failure of the system by its cause.
-    pub(super) fn io(path: &Path, action: &'static str, written: u64, source: io::Error) -> Self {
+    pub(crate) fn io(path: &Path, action: &'static str, written: u64, source: io::Error) -> Self {
         use io::ErrorKind as K;
         let path = path.to_path_buf();
         match source.kind() {

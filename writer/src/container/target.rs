@@ -30,34 +30,20 @@ impl Target {
     /// # Errors
     /// The target is a folder or a device, or its folder can't be written.
     pub fn create(target: &Path) -> Result<Self, WriteError> {
-        let target = fs::canonicalize(target).unwrap_or_else(|_| target.to_path_buf());
-        match fs::metadata(&target) {
-            Ok(m) if m.is_dir() => return Err(WriteError::IsDirectory(target)),
-            Ok(m) if !m.is_file() => return Err(WriteError::NotAFile(target)),
-            _ => {}
-        }
-        let Some(name) = target.file_name() else { return Err(WriteError::NotAFile(target)) };
-        let directory = directory(&target);
-        if !directory.is_dir() {
-            return Err(WriteError::NoDirectory(directory.to_path_buf()));
-        }
-        let random = RandomState::new();
-        for attempt in 0u32.. {
-            // Keyed by the system's random source: nobody can lay a link in our way. Not part of the bytes.
-            let mut hidden = std::ffi::OsString::from(".");
-            hidden.push(name);
-            hidden.push(format!(".{:016x}.tmp", random.hash_one((std::process::id(), attempt))));
-            let temporary = directory.join(hidden);
-            match OpenOptions::new().write(true).create_new(true).open(&temporary) {
-                Ok(file) => {
-                    let file = Some(BufWriter::with_capacity(1 << 18, file));
-                    return Ok(Self { file, temporary, target, end: 0 });
-                }
-                Err(e) if e.kind() == io::ErrorKind::AlreadyExists && attempt < 16 => {}
-                Err(e) => return Err(WriteError::io(&target, "create a temporary file beside it", 0, e)),
-            }
-        }
-        Err(WriteError::NotAFile(target))
+        let target = resolved(target)?;
+        let (file, temporary) = hidden(&target, OpenOptions::new().write(true))?;
+        Ok(Self { file: Some(BufWriter::with_capacity(1 << 18, file)), temporary, target, end: 0 })
+    }
+
+    /// A file for reading and writing in the folder of `target` that nobody else finds and that goes when it is closed.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn nameless(target: &Path) -> Result<File, WriteError> {
+        let target = resolved(target)?;
+        let (file, path) = hidden(&target, OpenOptions::new().read(true).write(true))?;
+        fs::remove_file(&path).map_err(|e| WriteError::io(&target, "unlink a temporary file beside it", 0, e))?;
+        Ok(file)
     }
 
     /// Where the temporary file lies.
@@ -140,6 +126,41 @@ impl Drop for Target {
         }
         if !self.temporary.as_os_str().is_empty() {
             let _ = fs::remove_file(&self.temporary);
+        }
+    }
+}
+
+/// The target with links followed, if a file can be put there.
+fn resolved(target: &Path) -> Result<PathBuf, WriteError> {
+    let target = fs::canonicalize(target).unwrap_or_else(|_| target.to_path_buf());
+    match fs::metadata(&target) {
+        Ok(m) if m.is_dir() => return Err(WriteError::IsDirectory(target)),
+        Ok(m) if !m.is_file() => return Err(WriteError::NotAFile(target)),
+        _ => {}
+    }
+    if target.file_name().is_none() {
+        return Err(WriteError::NotAFile(target));
+    }
+    if !directory(&target).is_dir() {
+        return Err(WriteError::NoDirectory(directory(&target).to_path_buf()));
+    }
+    Ok(target)
+}
+
+/// A new file beside the target.
+fn hidden(target: &Path, options: &mut OpenOptions) -> Result<(File, PathBuf), WriteError> {
+    let random = RandomState::new();
+    let mut attempt = 0u32;
+    loop {
+        // Keyed by the system's random source: nobody can lay a link in our way. Not part of the bytes.
+        let mut name = std::ffi::OsString::from(".");
+        name.push(target.file_name().unwrap_or_default());
+        name.push(format!(".{:016x}.tmp", random.hash_one((std::process::id(), attempt))));
+        let temporary = directory(target).join(name);
+        match options.create_new(true).open(&temporary) {
+            Ok(file) => return Ok((file, temporary)),
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists && attempt < 16 => attempt += 1,
+            Err(e) => return Err(WriteError::io(target, "create a temporary file beside it", 0, e)),
         }
     }
 }

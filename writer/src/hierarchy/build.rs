@@ -14,7 +14,9 @@ use crate::interval::triangle::{Cover, Local, Surface, surfaces};
 use crate::solid::SnappedMesh;
 
 use super::mh::{self, Node};
-use super::page::{At, Forest, Page};
+use super::page::{At, Forest};
+use super::spool::Spool;
+use crate::container::WriteError;
 
 /// Level of the squares that one thread works through alone.
 const TILE_LEVEL: u8 = 8;
@@ -59,17 +61,21 @@ pub struct Progress {
     pub cancel: AtomicBool,
     /// Most bytes that groups and pages may take; 0: no limit.
     pub budget: AtomicU64,
-    held: AtomicU64,
+    groups: AtomicU64,
+    pages: AtomicU64,
 }
 
 impl Progress {
-    /// Bytes that groups and pages of finished parts take.
+    /// Bytes that the groups of finished parts and the pages in memory take.
     pub fn held(&self) -> u64 {
-        self.held.load(Ordering::Relaxed)
+        self.groups.load(Ordering::Relaxed) + self.pages.load(Ordering::Relaxed)
     }
 
-    fn hold(&self, forest: &Forest) {
-        self.held.fetch_add(forest.bytes(), Ordering::Relaxed);
+    /// Starts the count again, for the next tree; what is held now stays counted in `budget`.
+    pub(crate) fn begin(&self, budget: u64) {
+        self.budget.store(budget, Ordering::Relaxed);
+        self.groups.store(0, Ordering::Relaxed);
+        self.pages.store(0, Ordering::Relaxed);
     }
 
     fn over_budget(&self) -> bool {
@@ -79,11 +85,25 @@ impl Progress {
 }
 
 /// A finished tree.
+#[derive(Debug)]
 pub struct Tree {
-    /// Its pages in order.
-    pub pages: Vec<Page>,
+    /// Its pages.
+    pub spool: Spool,
+    /// Number of the root page.
+    pub root: u32,
     /// What happened.
     pub counts: Counts,
+}
+
+/// Why there is no tree.
+#[derive(Debug)]
+pub enum Stop {
+    /// [`Progress::cancel`] was set.
+    Cancelled,
+    /// [`Progress::budget`] does not suffice.
+    Budget,
+    /// Pages could not be put aside.
+    Spool(WriteError),
 }
 
 struct Context<'a> {
@@ -92,6 +112,7 @@ struct Context<'a> {
     resolution_log2: u8,
     second_surface: bool,
     exhaustive: bool,
+    spool: &'a Spool,
     progress: &'a Progress,
 }
 
@@ -101,8 +122,11 @@ struct Part {
     counts: Counts,
 }
 
-/// Builds the `mh` tree of a mesh; nothing when cancelled or over the budget. The answer does not depend on the number of threads.
-pub fn build(mesh: &SnappedMesh, options: Options, progress: &Progress) -> Option<Tree> {
+/// Builds the `mh` tree of a mesh; its pages go to `spool`. The answer does not depend on the number of threads.
+///
+/// # Errors
+/// [`Stop`]: cancelled, over the budget, or the spool failed.
+pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Progress) -> Result<Tree, Stop> {
     let surfaces = surfaces(mesh);
     let cx = Context {
         surfaces: &surfaces,
@@ -110,13 +134,19 @@ pub fn build(mesh: &SnappedMesh, options: Options, progress: &Progress) -> Optio
         resolution_log2: mesh.lattice.log2_resolution,
         second_surface: mesh.second_surface,
         exhaustive: options.exhaustive,
+        spool: &spool,
         progress,
     };
     let all: Vec<u32> = (0..surfaces.len() as u32).collect();
     let at = At { level: cx.resolution_log2, origin: [0, 0] };
-    let part = cx.part(at, &all)?;
-    let pages = part.forest.finish(part.node, cx.resolution_log2);
-    Some(Tree { pages, counts: part.counts })
+    let part = cx.part(at, &all);
+    let part = part.map(|p| (p.forest.finish(p.node, cx.resolution_log2, &spool), p.counts));
+    match (spool.failed(), part) {
+        (Some(e), _) => Err(Stop::Spool(e)),
+        (None, Some((root, counts))) => Ok(Tree { spool, root, counts }),
+        (None, None) if progress.cancel.load(Ordering::Relaxed) => Err(Stop::Cancelled),
+        (None, None) => Err(Stop::Budget),
+    }
 }
 
 impl Context<'_> {
@@ -143,7 +173,11 @@ impl Context<'_> {
             if self.cancelled() {
                 return None;
             }
-            self.progress.hold(&part.forest);
+            self.progress.groups.fetch_add(part.forest.bytes(), Ordering::Relaxed);
+            self.progress.pages.store(self.spool.held(), Ordering::Relaxed);
+            if self.spool.has_failed() {
+                return None;
+            }
             self.done(at.level);
             return Some(part);
         }
@@ -159,12 +193,18 @@ impl Context<'_> {
             rayon::join(|| rayon::join(|| quarter(0), || quarter(1)), || rayon::join(|| quarter(2), || quarter(3)));
         let mut forest = Forest::default();
         let mut counts = Counts::default();
+        let mut released = 0;
         let mut take = |p: Part| {
             counts.add(&p.counts);
+            released += p.forest.bytes();
             forest.absorb(p.forest, p.node)
         };
         let mut children = [take(a?), take(b?), take(c?), take(d?)];
         let node = self.merge(at, &mut children, &mut forest);
+        // what was cut is garbage now
+        let node = forest.compact(node);
+        self.progress.groups.fetch_add(forest.bytes(), Ordering::Relaxed);
+        self.progress.groups.fetch_sub(released, Ordering::Relaxed);
         Some(Part { forest, node, counts })
     }
 
@@ -173,7 +213,7 @@ impl Context<'_> {
         let mut node = mh::merge(*children, at.level - 1, &mut forest.groups);
         let depth = self.resolution_log2 - at.level;
         if depth + 1 >= super::page::COARSE_DEPTH {
-            forest.cut(&mut node, at, children);
+            forest.cut(&mut node, at, children, self.spool);
         }
         node
     }

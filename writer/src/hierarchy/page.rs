@@ -7,6 +7,7 @@
 use umbrage_format::kind::mh::{self, Children, NodeType};
 
 use super::mh::{CUT, Group, NONE, Node, Span};
+use super::spool::Spool;
 
 /// Most words of an ordinary page (8 KiB); see NOTES.md beside this file.
 pub const PAGE_WORDS: u32 = 2048;
@@ -45,13 +46,11 @@ pub struct DraftRef {
     pub inherited: Option<u32>,
 }
 
-/// A part of the tree: groups that are not in pages yet, and the pages that were cut.
+/// A part of the tree: groups that are not in pages yet. Pages go to a [`Spool`].
 #[derive(Default)]
 pub struct Forest {
     /// Groups by number.
     pub groups: Vec<Group>,
-    /// Pages by number.
-    pub pages: Vec<Draft>,
 }
 
 /// Where a node lies: its level and the first texel of its square.
@@ -75,51 +74,44 @@ impl At {
 impl Forest {
     /// Takes in another part; returns its node as seen from here.
     pub fn absorb(&mut self, other: Forest, node: Node) -> Node {
-        let (groups, pages) = (self.groups.len() as u32, self.pages.len() as u32);
-        let shift = |b: u32| match b {
-            NONE => NONE,
-            b if b & CUT != 0 => b + pages,
-            b => b + groups,
-        };
+        let groups = self.groups.len() as u32;
+        let shift = |b: u32| if b & CUT != 0 { b } else { b + groups };
         self.groups.extend(other.groups.into_iter().map(|mut g| {
             g.below = g.below.map(shift);
             g
         }));
-        self.pages.extend(other.pages.into_iter().map(|mut p| {
-            p.refs.iter_mut().for_each(|r| r.page += pages);
-            p
-        }));
         Node { below: shift(node.below), ..node }
     }
 
-    /// Bytes held, about.
+    /// Bytes held.
     pub fn bytes(&self) -> u64 {
-        let pages: usize = self
-            .pages
-            .iter()
-            .map(|p| size_of::<Draft>() + 4 * p.words.len() + size_of::<DraftRef>() * p.refs.len())
-            .sum();
-        (pages + size_of::<Group>() * self.groups.len()) as u64
+        (size_of::<Group>() * self.groups.capacity()) as u64
     }
 
     /// Drops groups that no longer hang below `node`.
     pub fn compact(&mut self, node: Node) -> Node {
-        let mut kept = Vec::new();
+        let mut kept = Vec::with_capacity(self.reachable(node.below));
         let below = keep(&self.groups, node.below, &mut kept);
         self.groups = kept;
         Node { below, ..node }
     }
 
+    fn reachable(&self, below: u32) -> usize {
+        if below & CUT != 0 {
+            return 0;
+        }
+        1 + self.groups[below as usize].below.iter().map(|b| self.reachable(*b)).sum::<usize>()
+    }
+
     /// Moves the largest subtrees below the node's children into pages until the rest fits [`PAGE_WORDS`].
-    pub fn cut(&mut self, node: &mut Node, at: At, children: &mut [Node; 4]) {
+    pub fn cut(&mut self, node: &mut Node, at: At, children: &mut [Node; 4], spool: &Spool) {
         while node.words > PAGE_WORDS {
             let Some(c) = (0..4).filter(|c| children[*c].words > 0).max_by_key(|c| (children[*c].words, 4 - c)) else {
                 return;
             };
             let child = children[c];
-            let page = self.draft(child.below, at.child(c), child.finest, child.span);
-            self.pages.push(page);
-            let cut = CUT | (self.pages.len() - 1) as u32;
+            let page = self.draft(child.below, at.child(c), child.finest, child.span, spool);
+            let cut = CUT | spool.push(&page);
             self.groups[node.below as usize].below[c] = cut;
             children[c] = Node { below: cut, words: 0, finest: u8::MAX, ..child };
             node.words -= child.words;
@@ -128,7 +120,7 @@ impl Forest {
     }
 
     /// The page of the group below the node at `at`.
-    fn draft(&self, group: u32, at: At, finest: u8, span: Span) -> Draft {
+    fn draft(&self, group: u32, at: At, finest: u8, span: Span, spool: &Spool) -> Draft {
         let root = self.groups[group as usize];
         let mut d = Draft {
             words: vec![0; 2],
@@ -141,12 +133,12 @@ impl Forest {
             nodes: [0; 3],
         };
         d.words.resize(2 + root.mask.words() as usize, 0);
-        self.write(&mut d, group, 2, None);
+        self.write(&mut d, group, 2, None, spool);
         d
     }
 
     /// Writes a group at word `start` (already reserved) and, behind it, what hangs below.
-    fn write(&self, d: &mut Draft, group: u32, start: usize, above: Option<u32>) {
+    fn write(&self, d: &mut Draft, group: u32, start: usize, above: Option<u32>, spool: &Spool) {
         let g = &self.groups[group as usize];
         for c in 0..4u8 {
             let kind = g.mask.child(u32::from(c));
@@ -169,22 +161,22 @@ impl Forest {
             let below = g.below[i];
             let node = if below & CUT != 0 {
                 d.refs.push(DraftRef { page: below & !CUT, inherited: value });
-                let mask = self.pages[(below & !CUT) as usize].root_mask;
+                let mask = spool.mask(below & !CUT);
                 mh::Node { mask, children: Children::Page((d.refs.len() - 1) as u16) }
             } else {
                 let mask = self.groups[below as usize].mask;
                 let at = d.words.len();
                 d.words.resize(at + mask.words() as usize, 0);
-                self.write(d, below, at, value);
+                self.write(d, below, at, value, spool);
                 mh::Node { mask, children: Children::Here(at as u16) }
             };
             d.words[word] = node.encode();
         }
     }
 
-    /// Makes the root page and orders all pages by level: the root first, then the children of each in turn.
-    pub fn finish(mut self, root: Node, log2_resolution: u8) -> Vec<Page> {
-        self.fit_root(root, log2_resolution);
+    /// Makes the root page; returns its number.
+    pub fn finish(mut self, root: Node, log2_resolution: u8, spool: &Spool) -> u32 {
+        self.fit_root(root, log2_resolution, spool);
         let value = root.interval.middle();
         let below = root.below;
         let kind = if below == NONE { NodeType::Leaf } else { NodeType::Inner };
@@ -193,27 +185,13 @@ impl Forest {
         self.groups.push(Group { mask, value: [value, 0, 0, 0], below: [below, NONE, NONE, NONE], span });
         let top = self.groups.len() as u32 - 1;
         let at = At { level: log2_resolution + 1, origin: [0, 0] };
-        let mut first = self.draft(top, at, 0, span);
+        let mut first = self.draft(top, at, 0, span, spool);
         first.finest = self.finest(top, log2_resolution);
-        self.pages.push(first);
-        let mut order = vec![(self.pages.len() as u32 - 1, None::<u32>)];
-        let mut done = Vec::with_capacity(self.pages.len());
-        let mut next = 0;
-        while next < order.len() {
-            let (number, inherited) = order[next];
-            let draft = &mut self.pages[number as usize];
-            let first_child = order.len() as u32;
-            for r in &draft.refs {
-                order.push((r.page, r.inherited.or(inherited)));
-            }
-            done.push(Page { first_child, inherited, draft: std::mem::replace(draft, Draft::empty()) });
-            next += 1;
-        }
-        done
+        spool.push(&first)
     }
 
     /// Cuts subtrees below depth [`COARSE_DEPTH`], the largest first, until the root page fits [`ROOT_WORDS`].
-    fn fit_root(&mut self, root: Node, log2_resolution: u8) {
+    fn fit_root(&mut self, root: Node, log2_resolution: u8, spool: &Spool) {
         if root.below == NONE {
             return;
         }
@@ -229,9 +207,8 @@ impl Forest {
             }
             let below = self.groups[group as usize].below[c];
             let finest = self.finest(below, at.level - 1);
-            let page = self.draft(below, at, finest, span);
-            self.pages.push(page);
-            self.groups[group as usize].below[c] = CUT | (self.pages.len() - 1) as u32;
+            let page = self.draft(below, at, finest, span, spool);
+            self.groups[group as usize].below[c] = CUT | spool.push(&page);
             words -= size;
         }
     }
@@ -307,20 +284,5 @@ impl Page {
     pub fn stop_error(&self) -> u32 {
         let span = &self.draft.span;
         self.inherited.map_or(u32::MAX, |v| span.low.saturating_sub(v).max(v.saturating_sub(span.high)))
-    }
-}
-
-impl Draft {
-    fn empty() -> Draft {
-        Draft {
-            words: Vec::new(),
-            refs: Vec::new(),
-            root_mask: mh::Mask(0),
-            root_level: 0,
-            finest: 0,
-            origin: [0, 0],
-            span: Span { low: 0, high: 0, min: 0, max: 0 },
-            nodes: [0; 3],
-        }
     }
 }
