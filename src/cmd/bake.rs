@@ -9,7 +9,7 @@ use umbrage::writer::container::Target;
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
-use super::{Failure, TARGET, Watched, listen, load_scene, parse_numbers, parse_policy};
+use super::{Failure, TARGET, Watched, listen, load_scene, parse_numbers};
 
 /// Arguments of `bake`.
 #[derive(clap::Args)]
@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(long, default_value = "mh", value_parser = ["mh"])]
     kind: String,
     /// How depth intervals come from geometry: closed, one-sided, thickness:T, second-surface or auto
-    #[arg(long, default_value = "auto", value_parser = parse_policy)]
+    #[arg(long, default_value = "auto")]
     policy: Policy,
     /// exhaustive looks at every texel, for comparison
     #[arg(long, default_value = "proofs", value_parser = ["proofs", "exhaustive"])]

@@ -23,7 +23,6 @@ use umbrage::writer::container::WriteError;
 use umbrage::writer::hierarchy::build::Progress;
 use umbrage::writer::mesh::Mesh;
 use umbrage::writer::scene;
-use umbrage::writer::solid::Policy;
 
 /// Exit code: the arguments are wrong.
 pub const USAGE: u8 = 2;
@@ -157,23 +156,6 @@ pub fn structure(container: &Container, name: Option<&str>) -> Result<Structure,
                 USAGE,
                 format!("{} has several lights ({}); name one with --light", container.file(), names.join(", ")),
             ))
-        }
-    }
-}
-
-/// `closed`, `one-sided`, `second-surface`, `auto` or `thickness:T`.
-pub fn parse_policy(s: &str) -> Result<Policy, String> {
-    match s {
-        "closed" => Ok(Policy::Closed),
-        "one-sided" => Ok(Policy::OneSided),
-        "second-surface" => Ok(Policy::SecondSurface),
-        "auto" => Ok(Policy::Auto),
-        _ => {
-            match s.strip_prefix("thickness:").map(str::parse::<f64>) {
-                Some(Ok(t)) if t.is_finite() && t > 0.0 => Ok(Policy::Thickness(t)),
-                _ => Err("expected closed, one-sided, thickness:T (world units, above 0), second-surface or auto"
-                    .to_string()),
-            }
         }
     }
 }

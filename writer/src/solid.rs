@@ -25,6 +25,37 @@ pub enum Policy {
     Auto,
 }
 
+impl std::str::FromStr for Policy {
+    type Err = String;
+
+    /// `closed`, `one-sided`, `second-surface`, `auto` or `thickness:T`.
+    fn from_str(s: &str) -> Result<Self, String> {
+        match (s, s.strip_prefix("thickness:").map(str::parse::<f64>)) {
+            ("closed", _) => Ok(Policy::Closed),
+            ("one-sided", _) => Ok(Policy::OneSided),
+            ("second-surface", _) => Ok(Policy::SecondSurface),
+            ("auto", _) => Ok(Policy::Auto),
+            (_, Some(Ok(t))) if t.is_finite() && t > 0.0 => Ok(Policy::Thickness(t)),
+            _ => {
+                Err("expected closed, one-sided, thickness:T (world units, above 0), second-surface or auto"
+                    .to_string())
+            }
+        }
+    }
+}
+
+impl std::fmt::Display for Policy {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Policy::Closed => f.write_str("closed"),
+            Policy::OneSided => f.write_str("one-sided"),
+            Policy::Thickness(t) => write!(f, "thickness:{t}"),
+            Policy::SecondSurface => f.write_str("second-surface"),
+            Policy::Auto => f.write_str("auto"),
+        }
+    }
+}
+
 /// What a solid id stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SolidKind {

@@ -50,6 +50,10 @@ pub struct Args {
     /// Texels on a side instead of the suite's own ones, repeatable
     #[arg(long = "resolution", value_name = "N")]
     resolutions: Vec<u64>,
+    /// How depth intervals come from geometry: closed, one-sided, thickness:T, second-surface or auto; closed for
+    /// generated scenes and auto for files without it
+    #[arg(long)]
+    policy: Option<umbrage::writer::solid::Policy>,
     /// For the suite's own child process
     #[arg(long, hide = true)]
     exhaustive: bool,

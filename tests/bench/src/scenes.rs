@@ -37,9 +37,9 @@ pub fn names<'a>(given: &'a [String], own: &[&'a str]) -> Vec<&'a str> {
     if given.is_empty() { own.to_vec() } else { given.iter().map(String::as_str).collect() }
 }
 
-/// Makes or loads a scene.
-pub fn load(name: &str) -> Result<Model, Failure> {
-    let model = |mesh, policy| Model { name: name.to_string(), mesh, policy };
+/// Makes or loads a scene; `policy` instead of its usual one.
+pub fn load(name: &str, policy: Option<Policy>) -> Result<Model, Failure> {
+    let model = |mesh, usual| Model { name: name.to_string(), mesh, policy: policy.unwrap_or(usual) };
     if let Some(mesh) = scene::generated(name) {
         return Ok(model(mesh.map_err(Failure::input)?, Policy::Closed));
     }

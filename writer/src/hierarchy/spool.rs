@@ -227,7 +227,10 @@ mod tests {
     fn draft(i: u32, refs: Vec<u32>) -> Draft {
         Draft {
             words: (0..2 + i * 7 % 50).map(|w| w * i).collect(),
-            refs: refs.iter().map(|p| DraftRef { page: *p, inherited: (!p.is_multiple_of(3)).then_some(p * 5) }).collect(),
+            refs: refs
+                .iter()
+                .map(|p| DraftRef { page: *p, inherited: (!p.is_multiple_of(3)).then_some(p * 5) })
+                .collect(),
             root_mask: mh::Mask(i as u8 * 3),
             root_level: (i % 20) as u8,
             finest: (i % 7) as u8,

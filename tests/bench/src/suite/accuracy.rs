@@ -18,7 +18,7 @@ use serde_json::json;
 use umbrage::certify::Oracle;
 use umbrage::reader::query::mh::ResidentMh;
 use umbrage::render::{Hit, Placement, Receiver, Scene, ShadowRays};
-use umbrage::writer::solid::SnappedMesh;
+use umbrage::writer::solid::{Policy, SnappedMesh};
 
 use crate::plot::{Plot, Series};
 use crate::random::Random;
@@ -116,15 +116,15 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
     let mut table = Table::new(
         "wrong receivers; acne and leaks on certified (c) and on edge (e) texels",
         &[
-            "scene", "side", "light", "method", "points", "edge %", "acne c", "leaks c", "acne e", "leaks e",
-            "wrong %", "bias m", "slope", "ns",
+            "scene", "policy", "open", "side", "light", "method", "points", "edge %", "acne c", "leaks c", "acne e",
+            "leaks e", "wrong %", "bias m", "slope", "ns",
         ],
     );
     // By method and resolution: points, wrong, sum of ns, number of rows.
     let mut totals: BTreeMap<(String, u64), (u64, Wrong, f64, u32)> = BTreeMap::new();
     let mut promised = (0, 0);
     for name in scenes::names(&args.scenes, &SCENES) {
-        let model = scenes::load(name)?;
+        let model = scenes::load(name, args.policy)?;
         for &resolution in &resolutions {
             for light in LIGHTS {
                 let (baked, file) = model.bake(light, resolution, &folder)?;
@@ -135,8 +135,8 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
                 let edge = points.iter().filter(|p| !p.certified).count();
                 let share = edge as f64 / points.len().max(1) as f64;
                 let metres = umbrage::writer::frame::depth_step(&mesh.lattice);
-                // Sheets without thickness are promised nothing.
-                if baked.lights[0].components.open == 0 {
+                // Sheets without thickness are promised nothing; second-surface is, on the scene's own surfaces.
+                if baked.lights[0].components.open == 0 || model.policy == Policy::SecondSurface {
                     promised.0 += points.len() - edge;
                     promised.1 += outcomes[0].wrong.certified.iter().sum::<u64>();
                 }
@@ -144,6 +144,8 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
                     let wrong = o.wrong.all() as f64 / points.len().max(1) as f64;
                     table.push([
                         name.to_string(),
+                        model.policy.to_string(),
+                        baked.lights[0].components.open.to_string(),
                         side(resolution),
                         light.map(|c| c.to_string()).join(","),
                         o.method.clone(),
@@ -159,7 +161,8 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
                         format!("{:.1}", o.ns),
                     ]);
                     report.rows.push(json!({
-                        "scene": name, "light": light, "resolution": resolution, "method": o.method,
+                        "scene": name, "policy": model.policy.to_string(), "open_components": baked.lights[0].components.open,
+                        "light": light, "resolution": resolution, "method": o.method,
                         "receivers": points.len(), "edge_receivers": edge, "edge_share": share,
                         "acne_certified": o.wrong.certified[0], "leaks_certified": o.wrong.certified[1],
                         "acne_edge": o.wrong.edge[0], "leaks_edge": o.wrong.edge[1], "wrong_share": wrong,

@@ -25,7 +25,7 @@ pub fn one(args: &Args) -> Result<(), Failure> {
         return Err(Failure { code: 2, message: "one-bake: give --scene and --resolution".to_string() });
     };
     let start = Instant::now();
-    let model = scenes::load(name)?;
+    let model = scenes::load(name, args.policy)?;
     let load = start.elapsed().as_secs_f64();
     let folder = Folder::new()?;
     let options = model.options(LIGHTS[0], resolution, args.exhaustive);

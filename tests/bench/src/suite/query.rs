@@ -39,7 +39,7 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
     let resolution = args.resolutions.first().copied().unwrap_or(16384);
     let folder = Folder::new()?;
     for name in scenes::names(&args.scenes, &["city:1"]) {
-        let model = scenes::load(name)?;
+        let model = scenes::load(name, args.policy)?;
         let (baked, file) = model.bake(LIGHTS[0], resolution, &folder)?;
         let geometry = Scene::new(&baked.last);
         let pictures = scenes::views(&geometry, &model.cameras()?, PICTURE[0], PICTURE[1]);

@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
     let folder = Folder::new()?;
     let mut series: Vec<Series> = Vec::new();
     for name in scenes::names(&args.scenes, &SCENES) {
-        let model = scenes::load(name)?;
+        let model = scenes::load(name, args.policy)?;
         let mut curves = ["mh", "f32", "zstd"]
             .map(|k| Series { name: if k == "f32" { k.to_string() } else { format!("{name} {k}") }, points: vec![] });
         for &resolution in &resolutions {
