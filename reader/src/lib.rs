@@ -27,3 +27,4 @@ pub use limits::Limits;
 pub use page::{CheckedPage, FrameChecked, PageBytes};
 pub use source::{FileSource, MapSource, MemorySource, Source};
 pub use structure::Structure;
+pub use verify::VerifySummary;

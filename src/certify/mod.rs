@@ -33,7 +33,7 @@
 //! # Reading map
 //! `facet` is one triangle; `ray` follows one ray; `plot` cuts a texel into convex pieces and `area` finds the
 //! area interval with it; `grid` finds triangles; `sweep` passes over many texels, and settles most of them without
-//! an exact look.
+//! an exact look; `sample` says where to look when it can't be everywhere.
 
 mod area;
 #[cfg(test)]
@@ -43,6 +43,7 @@ mod facet;
 mod grid;
 mod plot;
 mod ray;
+pub mod sample;
 mod sweep;
 #[cfg(test)]
 mod testing;

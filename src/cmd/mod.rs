@@ -140,9 +140,8 @@ pub fn load_scene(spec: &str) -> Result<Mesh, Failure> {
 }
 
 /// Opens a container with positioned reads.
-pub fn open(path: &Path) -> Result<Container, Failure> {
-    let source = FileSource::open(path)?;
-    Ok(Container::open(Arc::new(source), Limits::default())?)
+pub fn open(path: &Path) -> Result<Container, ReaderError> {
+    Container::open(Arc::new(FileSource::open(path)?), Limits::default())
 }
 
 /// The named structure, or the only one.

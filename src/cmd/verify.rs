@@ -1,13 +1,18 @@
 //! `umbrage verify`: every rule of the format, and with the source every stored value.
 
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 
-use serde_json::json;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use umbrage::certify::sample::{self, Borders};
 use umbrage::certify::{Oracle, Region, Tally};
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::mh::{MhMap, ResidentMh};
+use umbrage::reader::{ReaderError, Structure, VerifySummary};
+use umbrage::writer::mesh::Mesh;
 
 use super::output::line;
-use super::{Failure, go_on, listen, load_scene, open, picture};
+use super::{Failure, Watched, go_on, listen, load_scene, open, picture};
 
 /// Arguments of `verify`.
 #[derive(clap::Args)]
@@ -20,7 +25,8 @@ pub struct Args {
     /// The scene it was baked from: proves that every stored value is right
     #[arg(long, value_name = "SCENE")]
     source: Option<String>,
-    /// Check this many texels, in random squares of 64 x 64, instead of all
+    /// Check this many texels instead of all: half in random squares, half near silhouettes and borders of leaves and
+    /// pages
     #[arg(long, value_name = "N", requires = "source", allow_negative_numbers = true)]
     sample: Option<u64>,
     /// One JSON object on stdout
@@ -30,97 +36,209 @@ pub struct Args {
 
 /// Exit code: faults were found.
 const FAULTS: u8 = 1;
+/// Faults told one by one; all are counted.
+const TOLD: usize = 100;
+
+/// What was found.
+#[derive(Default)]
+struct Findings {
+    /// The first faults, for people and for programs.
+    told: Vec<(String, Value)>,
+    faults: u64,
+    summary: VerifySummary,
+    structures: u32,
+    texels: u64,
+    near: u64,
+    violations: u64,
+    lights: Vec<Value>,
+}
+
+impl Findings {
+    fn fault(&mut self, text: String, record: Value) {
+        self.faults += 1;
+        if self.told.len() < TOLD {
+            self.told.push((text, record));
+        }
+    }
+
+    fn broken(&mut self, e: &ReaderError) {
+        self.fault(e.to_string(), record(e));
+    }
+
+    fn ok(&self) -> bool {
+        self.faults == 0 && self.violations == 0
+    }
+
+    fn json(&self) -> Value {
+        let s = &self.summary;
+        json!({
+            "ok": self.ok(),
+            "errors": self.told.iter().map(|t| &t.1).collect::<Vec<_>>(),
+            "counts": {
+                "errors": self.faults, "structures": self.structures, "index_blocks": s.blocks, "pages": s.pages,
+                "pages_of_unsupported_kinds": s.unsupported,
+            },
+            "texels_checked": self.texels,
+            "texels_near_borders": self.near,
+            "violations": self.violations,
+            "lights": self.lights,
+        })
+    }
+}
+
+/// A fault for programs: which rule, where, what was expected and found.
+fn record(e: &ReaderError) -> Value {
+    match e {
+        ReaderError::Format { error, .. } => json!({
+            "rule": error.rule.id(), "section": error.place.to_string(), "offset": error.offset,
+            "expected": error.expected.to_string(), "found": error.found.to_string(), "message": e.to_string(),
+        }),
+        e => json!({
+            "rule": null, "section": null, "offset": null, "expected": null, "found": null, "message": e.to_string(),
+        }),
+    }
+}
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<(), Failure> {
     listen();
-    let container = open(&args.file)?;
-    let mut errors = Vec::new();
-    let summary = container.verify(|fault| {
-        if errors.len() < 100 {
-            errors.push(fault.to_string());
-        }
-    });
-    let (mut texels, mut violations) = (0, 0);
-    let mut lights = Vec::new();
-    if let (Some(source), true) = (&args.source, errors.is_empty()) {
-        let mesh = load_scene(source)?;
-        for s in container.structures().filter(|s| args.light.as_deref().is_none_or(|n| n == s.name())) {
-            let name = s.name().to_string();
-            let snapped = picture::snapped(&mesh, &s)?;
-            let edge = s.record().edge_texels.get();
-            let map = MhMap::new(s)?.preload()?;
-            let oracle = Oracle::new(&snapped);
-            let t = certify(&oracle, map.resolution(), args.sample, &|x, y| map.value(x, y, 0))?;
-            texels += t.texels;
-            violations += t.wrong;
-            if args.sample.is_none() && t.edge() != edge {
-                errors.push(format!("light '{name}': the file counts {edge} edge texels, the source has {}", t.edge()));
+    let mut f = Findings::default();
+    let container = match open(&args.file) {
+        Ok(container) => container,
+        Err(e) => {
+            // a program that asked for JSON gets it of a refused file too
+            if args.json {
+                f.broken(&e);
+                line(&f.json().to_string())?;
             }
-            lights.push(json!({
-                "name": name, "texels": t.texels, "violations": t.wrong, "certified": t.certified,
-                "edge": t.edge(), "thin": t.thin,
-                "examples": t.examples.iter().map(|e| format!("{e:?}")).collect::<Vec<_>>(),
-            }));
+            return Err(e.into());
+        }
+    };
+    f.structures = container.structure_count();
+    f.summary = container.verify(|fault| f.broken(&fault));
+    if !go_on() {
+        return Err(Failure::interrupted());
+    }
+    if let (Some(source), 0) = (&args.source, f.faults) {
+        let mesh = load_scene(source)?;
+        if let Some(name) = &args.light {
+            container.structure_named(name)?;
+        }
+        for s in container.structures().filter(|s| args.light.as_deref().is_none_or(|n| n == s.name())) {
+            certify(s, &mesh, args.sample, &mut f)?;
         }
     }
-    let ok = errors.is_empty() && violations == 0;
     if args.json {
-        line(
-            &json!({
-                "ok": ok, "errors": errors, "pages": summary.pages, "texels_checked": texels,
-                "violations": violations, "lights": lights,
-            })
-            .to_string(),
-        )?;
+        line(&f.json().to_string())?;
     } else {
-        for e in &errors {
-            line(e)?;
-        }
-        line(&format!("{} pages hold every rule of the format: {}", summary.pages, errors.is_empty()))?;
-        for l in &lights {
+        tell(&f)?;
+    }
+    if f.ok() { Ok(()) } else { Err(Failure::new(FAULTS, format!("{}: faults found", args.file.display()))) }
+}
+
+fn tell(f: &Findings) -> Result<(), Failure> {
+    for (text, _) in &f.told {
+        line(text)?;
+    }
+    if f.faults > f.told.len() as u64 {
+        line(&format!("... and {} more", f.faults - f.told.len() as u64))?;
+    }
+    line(&format!("{} pages hold every rule of the format: {}", f.summary.pages, f.faults == 0))?;
+    if f.summary.unsupported > 0 {
+        line(&format!(
+            "{} pages are of kinds that this version checks no further than the frame",
+            f.summary.unsupported
+        ))?;
+    }
+    for l in &f.lights {
+        line(&format!(
+            "light {}: {} texels held against the source, {} stored values outside their interval, {} edge texels",
+            l["name"], l["texels"], l["violations"], l["edge"]
+        ))?;
+        for e in l["examples"].as_array().into_iter().flatten() {
             line(&format!(
-                "light {}: {} texels held against the source, {} stored values outside their interval, {} edge texels",
-                l["name"], l["texels"], l["violations"], l["edge"]
+                "  texel {}, {}: stored {}, right are {} to {}{}",
+                e["x"],
+                e["y"],
+                e["stored"],
+                e["min"],
+                e["max"],
+                if e["certified"] == true { "" } else { " (edge texel)" }
             ))?;
         }
     }
-    if ok { Ok(()) } else { Err(Failure::new(FAULTS, format!("{}: faults found", args.file.display()))) }
+    Ok(())
 }
 
-/// All texels in bands, or `sample` of them in squares.
-fn certify(
-    oracle: &Oracle,
-    resolution: u32,
-    sample: Option<u64>,
-    stored: &(dyn Fn(u32, u32) -> u32 + Sync),
-) -> Result<Tally, Failure> {
-    let mut tally = Tally::default();
-    let mut add = |region| {
-        tally = std::mem::take(&mut tally).merge(oracle.check(region, stored));
-        if go_on() { Ok(()) } else { Err(Failure::interrupted()) }
-    };
-    match sample {
+/// Holds the stored values of one light against the exact oracle.
+fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> Result<(), Failure> {
+    let name = s.name().to_string();
+    let snapped = picture::snapped(mesh, &s)?;
+    let (edge, thin) = (s.record().edge_texels.get(), s.record().thin_texels.get());
+    let map = MhMap::new(s)?;
+    let resident = map.preload()?;
+    let oracle = Oracle::new(&snapped);
+    let side = map.resolution();
+    let (regions, near) = match sample {
         None => {
-            let band = resolution.min(512);
-            for y in (0..resolution).step_by(band as usize) {
-                add(Region { x: 0, y, width: resolution, height: band })?;
-            }
+            let height = side.min(512);
+            let bands = (0..side).step_by(height as usize).map(|y| Region { x: 0, y, width: side, height });
+            (bands.collect(), 0)
         }
         Some(n) => {
-            let side = resolution.min(64);
-            let mut seed = 0x9E37_79B9_7F4A_7C15u64;
-            let mut next = || {
-                // splitmix64: any fixed sequence will do
-                seed = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
-                let z = (seed ^ (seed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-                let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-                ((z ^ (z >> 31)) % u64::from(resolution / side)) as u32 * side
-            };
-            for _ in 0..n.div_ceil(u64::from(side) * u64::from(side)) {
-                add(Region { x: next(), y: next(), width: side, height: side })?;
+            let page =
+                |p| map.structure().page_record(p).ok().map(|r| ([r.origin_x.get(), r.origin_y.get()], r.log2_x));
+            let leaf = |x, y| map.texel(x, y, 0).ok().map(|a| a.level);
+            sample::regions(
+                &snapped,
+                side,
+                n,
+                &Borders { pages: map.structure().page_count(), page: &page, leaf: &leaf },
+            )
+        }
+    };
+    let t = check(&oracle, &regions, &resident)?;
+    f.texels += t.texels;
+    f.near += near;
+    f.violations += t.wrong;
+    if sample.is_none() {
+        for (what, stored, found) in [("edge", edge, t.edge()), ("thin", thin, t.thin)] {
+            if stored != found {
+                let text = format!("light '{name}': the file counts {stored} {what} texels, the source has {found}");
+                let record = json!({
+                    "rule": null, "section": name, "offset": null, "expected": found, "found": stored, "message": text,
+                });
+                f.fault(text, record);
             }
         }
     }
-    Ok(tally)
+    let example = |[x, y]: [u32; 2]| {
+        let truth = oracle.texel(x, y);
+        json!({
+            "x": x, "y": y, "stored": resident.value(x, y, 0), "min": truth.interval.min, "max": truth.interval.max,
+            "certified": truth.certified,
+        })
+    };
+    let mut examples = t.examples.clone();
+    examples.sort_unstable();
+    f.lights.push(json!({
+        "name": name, "texels": t.texels, "near_borders": near, "violations": t.wrong, "certified": t.certified,
+        "edge": t.edge(), "thin": t.thin, "examples": examples.into_iter().map(example).collect::<Vec<_>>(),
+    }));
+    Ok(())
+}
+
+fn check(oracle: &Oracle, regions: &[Region], stored: &ResidentMh) -> Result<Tally, Failure> {
+    let texels = |r: &Region| u64::from(r.width) * u64::from(r.height);
+    let watched = Watched::start(regions.iter().map(texels).sum());
+    let one = |r: &Region| {
+        if !go_on() {
+            return Tally::default();
+        }
+        let tally = oracle.check(*r, |x, y| stored.value(x, y, 0));
+        watched.progress.texels.fetch_add(texels(r), Ordering::Relaxed);
+        tally
+    };
+    let tally = regions.par_iter().map(one).reduce(Tally::default, Tally::merge);
+    if go_on() { Ok(tally) } else { Err(Failure::interrupted()) }
 }

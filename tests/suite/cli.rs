@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-const SUN: &str = "sun=dir:0.4,-0.8,0.3";
-const SCAN: &str = "scan:1:0.05";
-const CITY: &str = "city:1:0.05";
+pub const SUN: &str = "sun=dir:0.4,-0.8,0.3";
+pub const SCAN: &str = "scan:1:0.05";
+pub const CITY: &str = "city:1:0.05";
 
 /// A folder of one test, where the program runs.
-struct Place(PathBuf);
+pub struct Place(pub PathBuf);
 
 impl Place {
-    fn new(name: &str) -> Self {
+    pub fn new(name: &str) -> Self {
         let path = std::env::temp_dir().join(format!("umbrage-cli-{name}-{}", std::process::id()));
         let _ = fs::remove_dir_all(&path);
         fs::create_dir_all(&path).unwrap();
@@ -21,25 +21,25 @@ impl Place {
     }
 
     /// With `scan.umb`, 256 x 256.
-    fn baked(name: &str) -> Self {
+    pub fn baked(name: &str) -> Self {
         let place = Place::new(name);
         place.fine(&["bake", SCAN, "--light", SUN, "--resolution", "256", "-o", "scan.umb"]);
         place
     }
 
-    fn command(&self, args: &[&str]) -> Command {
+    pub fn command(&self, args: &[&str]) -> Command {
         let mut c = Command::new(env!("CARGO_BIN_EXE_umbrage"));
         // Without it, display libraries below the GPU's driver print lines of their own.
         c.current_dir(&self.0).args(args).stdin(Stdio::null()).env("XDG_RUNTIME_DIR", &self.0);
         c
     }
 
-    fn run(&self, args: &[&str]) -> Output {
+    pub fn run(&self, args: &[&str]) -> Output {
         self.command(args).output().unwrap()
     }
 
     /// Runs to success; what it printed.
-    fn fine(&self, args: &[&str]) -> String {
+    pub fn fine(&self, args: &[&str]) -> String {
         let out = self.run(args);
         let (stdout, stderr) = text(&out);
         assert_eq!((out.status.code(), stderr.as_str()), (Some(0), ""), "{args:?}");
@@ -47,7 +47,7 @@ impl Place {
     }
 
     /// Runs into an error of this exit code; its one line. The folder is as it was.
-    fn refused(&self, code: i32, args: &[&str]) -> String {
+    pub fn refused(&self, code: i32, args: &[&str]) -> String {
         let before = self.entries();
         let out = self.run(args);
         let line = error(&out, code, args);
@@ -55,12 +55,12 @@ impl Place {
         line
     }
 
-    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
         fs::write(self.0.join(name), bytes).unwrap();
     }
 
     /// Names and lengths of everything in the folder.
-    fn entries(&self) -> Vec<(String, u64)> {
+    pub fn entries(&self) -> Vec<(String, u64)> {
         entries(&self.0)
     }
 }
@@ -71,14 +71,14 @@ impl Drop for Place {
     }
 }
 
-fn entries(folder: &Path) -> Vec<(String, u64)> {
+pub fn entries(folder: &Path) -> Vec<(String, u64)> {
     let entry = |e: fs::DirEntry| (e.file_name().into_string().unwrap(), e.metadata().unwrap().len());
     let mut all: Vec<_> = fs::read_dir(folder).unwrap().map(|e| entry(e.unwrap())).collect();
     all.sort();
     all
 }
 
-fn text(out: &Output) -> (String, String) {
+pub fn text(out: &Output) -> (String, String) {
     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
     (text(&out.stdout), text(&out.stderr))
 }

@@ -3,3 +3,4 @@
 mod cli;
 mod intervals;
 mod round_trip;
+mod verify;

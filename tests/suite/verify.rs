@@ -1,0 +1,127 @@
+//! The certificate: it catches what it is for, and says so in words and in JSON.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::Value;
+use umbrage::certify::Oracle;
+use umbrage::format::Rule;
+use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::{Container, FileSource, Limits};
+use umbrage::writer::container::{ContainerOptions, ContainerWriter, PageInput};
+use umbrage::writer::scene;
+use umbrage::writer::solid::{Policy, snap};
+
+use crate::cli::{CITY, Place, SCAN, SUN, text};
+
+fn open(path: &Path) -> Container {
+    Container::open(Arc::new(FileSource::open(path).unwrap()), Limits::default()).unwrap()
+}
+
+/// Writes a container again with one word changed; every checksum is good.
+fn rewrite(from: &Path, to: &Path, page: u32, word: u32, value: u32) {
+    let container = open(from);
+    let s = container.structure(0).unwrap();
+    let mut writer =
+        ContainerWriter::create(to, ContainerOptions::new(*container.file_id()), vec![*s.record()]).unwrap();
+    for ordinal in 0..s.page_count() {
+        let mut words = s.page_bytes(ordinal).unwrap().check_frame().unwrap().words().to_vec();
+        if ordinal == page {
+            words[word as usize] = value;
+        }
+        let record = s.page_record(ordinal).unwrap();
+        writer.push(&PageInput { words, record, dependencies: Vec::new() }).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+fn json(place: &Place, args: &[&str], code: i32) -> Value {
+    let out = place.run(args);
+    let (stdout, stderr) = text(&out);
+    assert_eq!(out.status.code(), Some(code), "{args:?}: {stdout}{stderr}");
+    serde_json::from_str(&stdout).unwrap()
+}
+
+/// Mutation: one leaf is stored one step beyond its interval, as if the baker had widened it.
+#[test]
+fn a_widened_interval_is_caught() {
+    let place = Place::new("widened");
+    place.fine(&["bake", CITY, "--light", SUN, "--resolution", "256", "--policy", "closed", "-o", "city.umb"]);
+    let path = place.0.join("city.umb");
+    let map = MhMap::new(open(&path).structure(0).unwrap()).unwrap();
+    let mesh = scene::generated(CITY).unwrap().unwrap();
+    let snapped = snap(&mesh, map.lattice(), Policy::Closed).unwrap();
+    let oracle = Oracle::new(&snapped);
+    let good = json(&place, &["verify", "city.umb", "--source", CITY, "--json"], 0);
+    assert_eq!((&good["ok"], &good["violations"]), (&Value::Bool(true), &0.into()));
+    assert_eq!(good["texels_checked"], 65536);
+    // leaves of single texels, certified or not, moved up or down within the page's own bounds
+    let mut tried = [[0; 2]; 2];
+    for (x, y) in (0..256u32).flat_map(|y| (0..256).map(move |x| (x, y))) {
+        let a = map.texel(x, y, 0).unwrap();
+        let truth = oracle.texel(x, y);
+        let record = map.structure().page_record(a.page).unwrap();
+        for (up, value) in [(0, truth.interval.min.wrapping_sub(1)), (1, truth.interval.max.wrapping_add(1))] {
+            let kind = &mut tried[usize::from(truth.certified)][up];
+            let fits = (record.min_depth.get()..=record.max_depth.get()).contains(&value);
+            if a.level > 0 || !fits || *kind >= 2 || (x * 7 + y) % 5 != 0 {
+                continue;
+            }
+            rewrite(&path, &place.0.join("bad.umb"), a.page, a.word, value);
+            place.fine(&["verify", "bad.umb"]);
+            let found = json(&place, &["verify", "bad.umb", "--source", CITY, "--json"], 1);
+            assert_eq!((&found["ok"], &found["violations"]), (&Value::Bool(false), &1.into()), "{x} {y}: {found}");
+            let example = &found["lights"][0]["examples"][0];
+            assert_eq!([&example["x"], &example["y"], &example["stored"]], [x, y, value], "{found}");
+            assert_eq!(example["certified"], truth.certified);
+            *kind += 1;
+        }
+    }
+    assert!(tried.iter().flatten().all(|n| *n > 0), "edge and certified texels, down and up: {tried:?}");
+}
+
+#[test]
+fn a_sample_looks_at_borders_too() {
+    let place = Place::new("sample");
+    place.fine(&["bake", CITY, "--light", SUN, "--resolution", "1024", "--policy", "closed", "-o", "city.umb"]);
+    let found = json(&place, &["verify", "city.umb", "--source", CITY, "--sample", "50000", "--json"], 0);
+    let number = |key: &str| found[key].as_u64().unwrap();
+    assert!(number("texels_checked") >= 50000 && number("texels_near_borders") >= 25000, "{found}");
+    assert!(number("texels_near_borders") * 2 <= number("texels_checked") + 8192, "{found}");
+}
+
+#[test]
+fn faults_are_told_with_rule_place_and_values() {
+    let place = Place::new("faults");
+    place.fine(&["bake", SCAN, "--light", SUN, "--resolution", "2048", "-o", "scan.umb"]);
+    let whole = fs::read(place.0.join("scan.umb")).unwrap();
+    let ids: Vec<&str> = Rule::ALL.iter().map(|r| r.id()).collect();
+    let fault = |found: &Value| {
+        let e = &found["errors"][0];
+        assert_eq!((&found["ok"], &found["violations"]), (&Value::Bool(false), &0.into()), "{found}");
+        assert!(ids.contains(&e["rule"].as_str().unwrap()), "{found}");
+        assert!(["section", "expected", "found", "message"].iter().all(|k| e[k].is_string()), "{found}");
+        (e["rule"].as_str().unwrap().to_string(), e["offset"].as_u64().unwrap())
+    };
+    // all pages damaged: all counted, some told
+    let file = open(&place.0.join("scan.umb"));
+    let s = file.structure(0).unwrap();
+    assert!(s.page_count() > 2);
+    let mut bytes = whole.clone();
+    for p in 0..s.page_count() {
+        bytes[s.page_record(p).unwrap().offset.get() as usize + 9] ^= 4;
+    }
+    place.write("bad.umb", &bytes);
+    let found = json(&place, &["verify", "bad.umb", "--json"], 1);
+    assert_eq!(fault(&found), ("page.crc".to_string(), s.page_record(0).unwrap().offset.get()));
+    assert_eq!(found["counts"]["errors"], s.page_count());
+    assert_eq!(found["counts"]["pages"], s.page_count());
+    assert_eq!(found["errors"].as_array().unwrap().len(), s.page_count().min(100) as usize);
+    // a file that can't even be opened
+    place.write("cut.umb", &whole[..whole.len() - 1]);
+    let found = json(&place, &["verify", "cut.umb", "--json"], 4);
+    assert_eq!(fault(&found).0, "header.length");
+    let found = json(&place, &["verify", "scan.umb", "--source", SCAN, "--json"], 0);
+    assert_eq!((&found["errors"], &found["counts"]["errors"]), (&Value::Array(Vec::new()), &0.into()));
+}
