@@ -2,5 +2,6 @@
 
 mod cli;
 mod intervals;
+mod losing;
 mod round_trip;
 mod verify;
