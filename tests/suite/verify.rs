@@ -1,4 +1,4 @@
-//! The certificate: it catches what it is for, and says so in words and in JSON.
+//! The certificate: it catches what it is for, and says so in words and in JSON. Beside it `dump`.
 
 use std::fs;
 use std::path::Path;
@@ -79,6 +79,42 @@ fn a_widened_interval_is_caught() {
         }
     }
     assert!(tried.iter().flatten().all(|n| *n > 0), "edge and certified texels, down and up: {tried:?}");
+}
+
+#[test]
+fn dump_sums_up_and_draws() {
+    let place = Place::new("dump");
+    place.fine(&["bake", CITY, "--light", SUN, "--resolution", "1024", "--policy", "closed", "-o", "city.umb"]);
+    let found = json(&place, &["dump", "city.umb", "--json"], 0);
+    let light = &found["lights"][0];
+    let sum = |v: &Value| {
+        v.as_object().unwrap().iter().filter(|e| e.0 != "total").map(|e| e.1.as_u64().unwrap()).sum::<u64>()
+    };
+    assert_eq!(light["bytes"]["total"], sum(&light["bytes"]));
+    let (bytes, total) = (found["bytes"].as_u64().unwrap(), light["bytes"]["total"].as_u64().unwrap());
+    // the rest is header, tables, and what aligns the sections
+    assert!(bytes > total && bytes < total + 1024, "{bytes} {total}");
+    let pages: u64 = light["pages_by_level"].as_array().unwrap().iter().map(|p| p["pages"].as_u64().unwrap()).sum();
+    assert_eq!(light["pages"], pages);
+    let said = place.fine(&["dump", "city.umb"]);
+    assert!(
+        said.contains("1024 x 1024 texels") && said.contains("policy closed") && said.lines().count() < 20,
+        "{said}"
+    );
+    // three different pictures of 256 x 256
+    let draw = |what| {
+        place.fine(&["dump", "city.umb", "--image", "out.png", "--draw", what, "--level", "2"]);
+        let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(place.0.join("out.png")).unwrap()));
+        let mut reader = decoder.read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        let frame = reader.next_frame(&mut pixels).unwrap();
+        assert_eq!((frame.width, frame.height), (256, 256));
+        let colours: std::collections::HashSet<_> = pixels.chunks(3).map(<[u8]>::to_vec).collect();
+        assert!(colours.len() > 10, "{what}: {} colours", colours.len());
+        pixels
+    };
+    let [depth, nodes, pages] = ["depth", "nodes", "pages"].map(draw);
+    assert!(depth != nodes && nodes != pages && pages != depth);
 }
 
 #[test]

@@ -1,0 +1,24 @@
+//! One page: its record and its words.
+
+use umbrage::reader::Structure;
+
+use super::super::Failure;
+use super::super::output::line;
+
+/// Prints page `ordinal` of a structure.
+pub fn print(s: &Structure, ordinal: u32) -> Result<(), Failure> {
+    let (r, page) = (s.page_record(ordinal)?, s.page(ordinal)?);
+    line(&format!("page {ordinal} of '{}': {} words at byte {}", s.name(), r.hot_words.get(), r.offset.get()))?;
+    let [x, y] = [r.origin_x.get(), r.origin_y.get()];
+    line(&format!("  texels     x {x} + {}, y {y} + {}", 1u64 << r.log2_x, 1u64 << r.log2_y))?;
+    line(&format!("  levels     {} to {}", r.level_coarsest, r.level_finest))?;
+    line(&format!("  children   {} from page {}", r.child_count.get(), r.first_child.get()))?;
+    let (min, max, stop) = (r.min_depth.get(), r.max_depth.get(), r.stop_error.get());
+    line(&format!("  depths     {min} to {max}; error without it {stop}"))?;
+    line(&format!("  hash       {:016x}, crc {:08x}", r.content_hash.get(), r.crc32.get()))?;
+    for (i, words) in page.words().chunks(8).enumerate() {
+        let words: Vec<String> = words.iter().map(|w| format!("{w:08x}")).collect();
+        line(&format!("  {:5}  {}", i * 8, words.join(" ")))?;
+    }
+    Ok(())
+}

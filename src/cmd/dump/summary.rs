@@ -1,0 +1,206 @@
+//! Figures of a whole file. The JSON is made first, and people get their lines from it: one truth.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
+use umbrage::format::header::Header;
+use umbrage::format::structure::{EVERYWHERE, STATIC_SURFACES_ONLY};
+use umbrage::format::{SectionRecord, StructureRecord};
+use umbrage::reader::{Container, Structure};
+use umbrage::writer::bake::policy_of;
+
+use super::super::output::{bytes, line};
+use super::super::{Failure, go_on};
+
+/// Everything about the file, or about one light.
+pub fn of(container: &Container, light: Option<&str>) -> Result<Value, Failure> {
+    let h = container.header();
+    let id: String = container.file_id().iter().map(|b| format!("{b:02x}")).collect();
+    let lights = container.structures().filter(|s| light.is_none_or(|n| n == s.name()));
+    let lights = lights.map(|s| structure(&s)).collect::<Result<Vec<_>, _>>()?;
+    let tables = Header::BYTES + container.sections().len() * SectionRecord::BYTES;
+    let records = container.structure_count() as usize * StructureRecord::BYTES;
+    Ok(json!({
+        "file": container.file().to_string(),
+        "bytes": h.total_bytes.get(),
+        "version": format!("{}.{}", h.version_major.get(), h.version_minor.get()),
+        "file_id": id,
+        "page_alignment": h.alignment(),
+        "structures": container.structure_count(),
+        "bytes_of_header_and_records": tables + records,
+        "lights": lights,
+    }))
+}
+
+fn structure(s: &Structure) -> Result<Value, Failure> {
+    let (r, l) = (s.record(), s.lattice());
+    let side = u64::from(l.resolution());
+    let nodes = [r.leaf_nodes.get(), r.inner_nodes.get(), r.empty_nodes.get()];
+    let index = u64::from(s.block_count()) * r.block_bytes();
+    let (mut levels, mut words, mut dependencies) = (BTreeMap::<u8, u64>::new(), 0, 0);
+    let (mut largest, mut first, mut end, mut pad) = (0, 0, None, 0);
+    for ordinal in 0..s.page_count() {
+        if !go_on() {
+            return Err(Failure::interrupted());
+        }
+        let p = s.page_record(ordinal)?;
+        *levels.entry(p.level_coarsest).or_default() += 1;
+        let own = u64::from(p.hot_words.get());
+        words += own;
+        largest = largest.max(own * 4);
+        dependencies += u64::from(p.dep_count.get());
+        pad += end.map_or(0, |e: u64| p.offset.get().saturating_sub(e));
+        end = Some(p.end());
+        if ordinal == 0 {
+            first = own * 4;
+        }
+    }
+    let pages = u64::from(s.page_count());
+    let total = index + words * 4 + pad + StructureRecord::BYTES as u64;
+    let root = &r.root_page;
+    let texel = |row: [f64; 4]| {
+        let steps = (row[0] * row[0] + row[1] * row[1] + row[2] * row[2]).sqrt();
+        f64::from(1u32 << l.subtexel_bits) / steps
+    };
+    let depth = l.world_to_lattice[2];
+    let guarantee = match r.guarantee.get() {
+        EVERYWHERE => "everywhere",
+        STATIC_SURFACES_ONLY => "static surfaces only",
+        _ => "unknown",
+    };
+    Ok(json!({
+        "name": s.name(),
+        "kind": s.kind().name(),
+        "resolution": side,
+        "texel_world": [texel(l.world_to_lattice[0]), texel(l.world_to_lattice[1])],
+        "depth_step_world": 1.0 / (depth[0] * depth[0] + depth[1] * depth[1] + depth[2] * depth[2]).sqrt(),
+        "light_direction": r.light_direction.map(|c| c.get()),
+        "policy": policy_of(r).map_or("unknown".to_string(), |p| p.to_string()),
+        "guarantee": guarantee,
+        "edge_texels": r.edge_texels.get(), "thin_texels": r.thin_texels.get(),
+        "depth_min": root.min_depth.get(), "depth_max": root.max_depth.get(), "depth_guard": r.depth_guard.get(),
+        "triangles": r.triangles.get(), "snap_displacement_world": r.snap_displacement.get(),
+        "nodes": {"leaf": nodes[0], "inner": nodes[1], "empty": nodes[2]},
+        "pages": pages, "shared_pages": r.shared_pages.get(), "dependencies": dependencies,
+        "index_blocks": s.block_count(),
+        "largest_page_bytes": largest,
+        "first_look_bytes": 16384 + first,
+        "pages_by_level": levels.iter().rev().map(|(k, n)| json!({"level": k, "pages": n})).collect::<Vec<_>>(),
+        "bytes": {
+            "total": total,
+            "leaf_nodes": nodes[0] * 4, "inner_nodes": nodes[1] * 8, "empty_nodes": nodes[2] * 4,
+            "frames": pages * 8, "index": index, "alignment": pad, "record": StructureRecord::BYTES,
+        },
+        "value_bits": {"32": nodes[0] + nodes[1]},
+        "uncompressed_bytes": side * side * 4 * u64::from(r.root_count.get()),
+    }))
+}
+
+/// Lines for people.
+pub fn print(v: &Value) -> Result<(), Failure> {
+    line(&format!(
+        "{}: {}, format {}, {} light{}, id {}",
+        v["file"].as_str().unwrap_or_default(),
+        bytes(number(&v["bytes"])),
+        v["version"].as_str().unwrap_or_default(),
+        v["structures"],
+        if v["structures"] == 1 { "" } else { "s" },
+        v["file_id"].as_str().unwrap_or_default()
+    ))?;
+    v["lights"].as_array().into_iter().flatten().try_for_each(print_light)
+}
+
+fn number(v: &Value) -> u64 {
+    v.as_u64().unwrap_or(0)
+}
+
+fn print_light(l: &Value) -> Result<(), Failure> {
+    let text = |key: &str| l[key].as_str().unwrap_or_default();
+    let real = |v: &Value| v.as_f64().unwrap_or(0.0);
+    let side = number(&l["resolution"]);
+    let d = &l["light_direction"];
+    line("")?;
+    line(&format!("light '{}', kind {}", text("name"), text("kind")))?;
+    let row = |name: &str, text: String| line(&format!("  {name:<12}{text}"));
+    row(
+        "map",
+        format!(
+            "{side} x {side} texels of {:.3e} x {:.3e} world units, light along {:.4}, {:.4}, {:.4}",
+            real(&l["texel_world"][0]),
+            real(&l["texel_world"][1]),
+            real(&d[0]),
+            real(&d[1]),
+            real(&d[2])
+        ),
+    )?;
+    let b = &l["bytes"];
+    let (total, plain) = (number(&b["total"]), number(&l["uncompressed_bytes"]));
+    row(
+        "size",
+        format!("{}, uncompressed {}: {:.1} to 1", bytes(total), bytes(plain), plain as f64 / total.max(1) as f64),
+    )?;
+    let edge = number(&l["edge_texels"]);
+    let share = edge as f64 / (side as f64).powi(2) * 100.0;
+    row("promise", format!("{} (policy {}) but in edge texels", text("guarantee"), text("policy")))?;
+    row("edges", format!("{edge} edge texels ({share:.3} %), {} of them thin", l["thin_texels"]))?;
+    row(
+        "depths",
+        format!(
+            "{} to {} of {:.3e} world units, guard {}",
+            l["depth_min"],
+            l["depth_max"],
+            real(&l["depth_step_world"]),
+            l["depth_guard"]
+        ),
+    )?;
+    row(
+        "source",
+        format!(
+            "{} triangles, vertices moved by at most {:.2e} world units",
+            l["triangles"],
+            real(&l["snap_displacement_world"])
+        ),
+    )?;
+    let n = &l["nodes"];
+    let nodes = number(&n["leaf"]) + number(&n["inner"]) + number(&n["empty"]);
+    row(
+        "nodes",
+        format!(
+            "{nodes}: {} leaves, {} inner, {} empty; {:.2} bytes each in all",
+            n["leaf"],
+            n["inner"],
+            n["empty"],
+            total as f64 / nodes.max(1) as f64
+        ),
+    )?;
+    row(
+        "bytes",
+        format!(
+            "leaves {}, inner {}, empty {}, frames {}, index {}, alignment {}",
+            bytes(number(&b["leaf_nodes"])),
+            bytes(number(&b["inner_nodes"])),
+            bytes(number(&b["empty_nodes"])),
+            bytes(number(&b["frames"])),
+            bytes(number(&b["index"])),
+            bytes(number(&b["alignment"]))
+        ),
+    )?;
+    row(
+        "pages",
+        format!(
+            "{} of at most {}, {} shared; index of {} blocks; first look {}",
+            l["pages"],
+            bytes(number(&l["largest_page_bytes"])),
+            l["shared_pages"],
+            l["index_blocks"],
+            bytes(number(&l["first_look_bytes"]))
+        ),
+    )?;
+    let levels: Vec<String> = l["pages_by_level"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(|p| format!("{}: {}", p["level"], p["pages"]))
+        .collect();
+    row("by level", levels.join(", "))
+}
