@@ -1,5 +1,6 @@
 //! Buffers of one structure and the steps of a frame.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use umbrage_format::Kind;
@@ -49,7 +50,7 @@ pub struct GpuStreamer {
     readback: Readback,
     layout: wgpu::BindGroupLayout,
     group: wgpu::BindGroup,
-    kernels: Option<Kernels>,
+    kernels: Option<Arc<Kernels>>,
     report: Report,
 }
 
@@ -307,12 +308,18 @@ impl GpuStreamer {
     ///
     /// # Errors
     /// The structure is of a kind without kernels.
-    pub fn kernels(&mut self) -> Result<&Kernels, RuntimeError> {
+    pub fn kernels(&mut self) -> Result<Arc<Kernels>, RuntimeError> {
         let kind = self.streamer.structure().kind();
         if kind != Kind::Mh {
             return Err(RuntimeError::UnsupportedKind(kind));
         }
-        Ok(self.kernels.get_or_insert_with(|| Kernels::new(&self.device, &self.layout)))
+        let kernels = self.kernels.get_or_insert_with(|| Arc::new(Kernels::new(&self.device, &self.layout)));
+        Ok(kernels.clone())
+    }
+
+    /// Uses the pipelines of another streamer on the same device, so that several lights compile them once.
+    pub fn use_kernels(&mut self, kernels: Arc<Kernels>) {
+        self.kernels = Some(kernels);
     }
 
     /// Answers queries (x, y, level, depth rounded up) from what is resident, in one frame: value, state, missing
@@ -370,10 +377,7 @@ impl GpuStreamer {
         &mut self,
         f: impl FnOnce(&mut Self, &Kernels) -> Result<T, RuntimeError>,
     ) -> Result<T, RuntimeError> {
-        self.kernels()?;
-        let kernels = self.kernels.take().unwrap_or_else(|| Kernels::new(&self.device, &self.layout));
-        let done = f(self, &kernels);
-        self.kernels = Some(kernels);
-        done
+        let kernels = self.kernels()?;
+        f(self, &kernels)
     }
 }

@@ -7,8 +7,11 @@ fn main() -> std::io::Result<()> {
         "open" => umbrage_fuzz::open::run,
         "page" => umbrage_fuzz::page::run,
         "roundtrip" => umbrage_fuzz::roundtrip::run,
+        "query_agrees" => umbrage_fuzz::query_agrees::run,
         "intervals" => umbrage_fuzz::intervals::run,
-        _ => return Err(std::io::Error::other("expected open, page, roundtrip or intervals, and a file")),
+        _ => {
+            return Err(std::io::Error::other("expected open, page, roundtrip, query_agrees or intervals, and a file"));
+        }
     };
     let bytes = std::fs::read(file)?;
     if target == "intervals" {

@@ -4,6 +4,7 @@
 //! - [`open`]: a file that is accepted answers every texel of every level, lazily and preloaded alike;
 //! - [`page`]: `mh::check` accepts just what a naive walk accepts, and every node it counts is found by a lookup;
 //! - [`roundtrip`]: intervals and trees come back from the file as a naive evaluation has them, at every level;
+//! - [`query_agrees`]: on the device an accepted file gives the reader's answers, to the bit;
 //! - [`intervals`]: the baker's tree holds what the exact oracle allows, with the oracle's counts.
 //!
 //! ```text
@@ -17,6 +18,7 @@ pub mod input;
 pub mod intervals;
 pub mod open;
 pub mod page;
+pub mod query_agrees;
 pub mod roundtrip;
 
 #[path = "../../../reader/tests/suite/tree.rs"]

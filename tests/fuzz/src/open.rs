@@ -131,7 +131,7 @@ fn repair(file: &mut [u8]) {
 }
 
 /// Texels of a side worth asking: all of a small map, both ends of a large one.
-fn steps(side: u32) -> impl Iterator<Item = u32> + Clone {
+pub fn steps(side: u32) -> impl Iterator<Item = u32> + Clone {
     (0..side.min(16)).chain(side.saturating_sub(4).max(16)..side)
 }
 
@@ -166,8 +166,8 @@ fn ask(file: &Container) {
     }
 }
 
-/// One input: a byte that says what the others are.
-pub fn run(data: &[u8]) {
+/// The file that an input stands for: a byte that says what the others are.
+pub fn file(data: &[u8]) -> Vec<u8> {
     let mut input = Input(data);
     let mode = input.byte();
     let mut file;
@@ -181,8 +181,18 @@ pub fn run(data: &[u8]) {
     if mode & 2 != 0 {
         repair(&mut file);
     }
+    file
+}
+
+/// Opens it with small limits.
+pub fn container(data: &[u8]) -> Option<Container> {
     let limits = Limits { sections: 64, structures: 8, pages: 1 << 12, page_bytes: 1 << 16, allocation: 1 << 22 };
-    if let Ok(container) = Container::open(Arc::new(MemorySource::new(file, "input")), limits) {
+    Container::open(Arc::new(MemorySource::new(file(data), "input")), limits).ok()
+}
+
+/// One input.
+pub fn run(data: &[u8]) {
+    if let Some(container) = container(data) {
         ask(&container);
     }
 }
