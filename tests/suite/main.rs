@@ -3,6 +3,7 @@
 mod cli;
 mod golden;
 mod intervals;
+mod python;
 mod round_trip;
 mod spec;
 #[allow(dead_code, reason = "of the reader's tests, which use all of it")]
