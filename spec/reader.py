@@ -346,7 +346,7 @@ class Structure:
         self.tree_pages = self.page_count - self.shared_pages
         self.block_count = -(-self.page_count // self.records_per_block)
         self.first, self.end = pages.offset, pages.offset + pages.length
-        self.lasts = {}
+        self.ends = {}
         self.blocks, self.pages = collections.OrderedDict(), collections.OrderedDict()
 
     def check_record(self, r, ordinal):
@@ -427,9 +427,11 @@ class Structure:
         need(listed == dep_count, "index.head", at, dep_count)
         if number == 0:
             need(data[64:128] == self.root_bytes, "structure.root", at)
-        if number - 1 in self.lasts:
-            self.check_follows(self.lasts[number - 1], records[0], first)
-        self.lasts[number] = records[-1]
+        if number - 1 in self.ends:
+            self.check_follows(self.ends[number - 1][1], records[0], first)
+        if number + 1 in self.ends:
+            self.check_follows(records[-1], self.ends[number + 1][0], first + count)
+        self.ends[number] = records[0], records[-1]
         keep(self.blocks, number, records, 8)
         return records
 
@@ -530,14 +532,14 @@ class Structure:
     def verify(self, report, summary):
         self.blocks.clear()
         said, end, whole = collections.deque(), None, True
-        opened = dict(self.lasts)
+        self.ends = {}
         for ordinal in range(self.page_count):
             at = f"page {ordinal} of structure {self.number}"
             if ordinal % self.records_per_block == 0:
                 number = ordinal // self.records_per_block
                 summary["blocks"] += 1
                 try:
-                    self.lasts = {n: r for n, r in self.lasts.items() if n == number - 1}
+                    self.ends = {n: ends for n, ends in self.ends.items() if n == number - 1}
                     self.block(number)
                     whole = True
                 except Broken as e:
@@ -566,7 +568,6 @@ class Structure:
                 found = (words[0] >> 8 & 255, words[1] >> 16 & 255, r.origin_x, r.origin_y, r.root)
                 if found != announced:
                     report(Broken("mh.link", at, f"{found}, the parent says {announced}"))
-        self.lasts = opened
 
     def lookup(self, x, y, level, root=0):
         """(value, level of the node, page, word) at texel (x, y) of level 0."""

@@ -222,12 +222,12 @@ fn random_changes_are_judged_alike() {
 /// A byte where something stands: fields and words rather than the unused part of index blocks.
 fn place(file: &[u8], dice: &mut Dice) -> usize {
     let mut below = |n: usize| dice.roll(n as u32) as usize;
-    match below(6) {
-        0 => below(128),
+    match below(14) {
+        0 => below(68),
         1 => 128 + below(120),
         2 => position(file, At::Structure(0, "name")) + below(512),
-        3 => position(file, At::Block(0, "crc32")) + below(64),
-        4 => position(file, At::Record(0, 0, "offset")) + below(64 * 3),
+        3 => position(file, At::Block(0, "crc32")) + below(20),
+        4..8 => position(file, At::Record(0, 0, "offset")) + below(64 * 3),
         _ => {
             let start = position(file, At::Page(0, 0, 0));
             start + below(file.len() - start)
