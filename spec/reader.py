@@ -379,7 +379,8 @@ class Structure:
             need(children <= self.tree_pages, "index.children", at, children)
             need(ordinal != self.tree_pages - 1 or children == self.tree_pages, "index.children", at, children)
         side = self.log2_resolution
-        for log2, origin, most in ((r.log2_x, r.origin_x, side), (r.log2_y, r.origin_y, side), (r.log2_l, r.origin_l, 16)):
+        axes = ((r.log2_x, r.origin_x, side), (r.log2_y, r.origin_y, side), (r.log2_l, r.origin_l, 16))
+        for log2, origin, most in axes:
             good = log2 <= most and origin % (1 << log2) == 0 and origin + (1 << log2) <= 1 << most
             need(good, "index.footprint", at, f"2^{log2} from {origin}")
         need(r.level_coarsest <= side, "index.levels", at, r.level_coarsest)
@@ -512,7 +513,7 @@ class Structure:
         need(not values or (r.min_depth <= min(values) and max(values) <= r.max_depth), "mh.values", at)
 
     def links(self, words, r):
-        """For each child page what the node in this page says of it: (root_mask, root_level, origin_x, origin_y, root)."""
+        """What nodes of this page say of each child page: (root_mask, root_level, origin_x, origin_y, root)."""
         said = [None] * (words[0] >> 16)
         groups = [(2, words[0] >> 8 & 255, words[1] >> 16 & 255, r.origin_x, r.origin_y)]
         while groups:
