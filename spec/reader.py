@@ -658,7 +658,7 @@ def dump(container, out):
         out.write(f"section {i}: {names.get(s.kind, f'type {s.kind}')}{whose}, {s.length} bytes from {s.offset}\n")
     for s in container.structures:
         side, (_, _, leaves, inner, empty, _) = 1 << s.log2_resolution, s.counts
-        out.write(f"structure {s.number} '{s.name}': {KINDS[s.kind]}, {s.root_count} x {side} x {side} texels, ")
+        out.write(f"structure {s.number} {s.name!r}: {KINDS[s.kind]}, {s.root_count} x {side} x {side} texels, ")
         out.write(f"{s.page_count} pages ({s.shared_pages} shared), {leaves} leaf {inner} inner {empty} empty nodes, ")
         out.write(f"{s.edge_texels} edge and {s.thin_texels} thin texels\n")
 
