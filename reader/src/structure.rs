@@ -86,9 +86,16 @@ impl StructureState {
             let (expected, found) = (Value::Text("the record in the structure's"), Value::Text("another"));
             return Err(FormatError::new(Rule::StructureRoot, Place::Index(self.number), at, expected, found));
         }
-        let before = number.checked_sub(1).and_then(|b| self.blocks().get(b as usize)?.get()?.records.last());
+        let kept = |number: Option<u32>| self.blocks().get(number? as usize)?.get();
+        let before = kept(number.checked_sub(1)).and_then(|b| b.records.last());
         if let (Some(before), Some(first)) = (before, records.first()) {
             check_follows(before, first, block.first_ordinal(), at, &cx)?;
+        }
+        // Lookups touch blocks in any order: the one behind may have been first.
+        let next = kept(number.checked_add(1)).and_then(|b| b.records.first());
+        if let (Some(last), Some(next)) = (records.last(), next) {
+            let ordinal = block.first_ordinal().saturating_add(u32::from(self.record.records_per_block.get()));
+            check_follows(last, next, ordinal, at + self.record.block_bytes(), &cx)?;
         }
         let dependencies = records.iter().flat_map(|r| block.dependencies(r)).map(|d| d.get()).collect();
         if let Some(slot) = self.blocks().get(number as usize) {

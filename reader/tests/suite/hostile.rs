@@ -439,6 +439,27 @@ fn a_child_in_the_wrong_place_is_found_by_preload_and_verify() {
     assert_eq!(map.preload().unwrap_err().rule().map(|r| r.id()), Some("mh.link"));
 }
 
+/// Neighbouring index blocks are held against each other in whatever order lookups touch them.
+#[test]
+fn blocks_that_do_not_meet_are_refused_in_any_order() {
+    let (log2, block) = (3, 4096);
+    let pages = crate::tree::pages(&crate::tree::grow(&mut crate::tree::Dice(7), log2, true, 6), log2, &[3, 2]);
+    let mut sun = crate::tree::structure("sun", umbrage_format::Kind::Mh, log2, pages.len());
+    (sun.records_per_block, sun.index_block_log2) = (1.into(), 12);
+    let options = umbrage_writer::container::ContainerOptions::new(ID);
+    let mut bytes = crate::tree::write("blocks", options, &[(sun, pages)]);
+    // The second page takes the space of the third as well.
+    let record = PageRecord::mut_from_prefix(&mut bytes[INDEX + block + 64..]).unwrap().0;
+    record.hot_words = (record.hot_words.get() + 16).into();
+    let crc = block_crc(&ID, 0, 1, &bytes[INDEX + block + 4..INDEX + 2 * block]);
+    bytes[INDEX + block..][..4].copy_from_slice(&crc.to_le_bytes());
+    for order in [[1, 2], [2, 1]] {
+        let s = open(bytes.clone()).unwrap().structure(0).unwrap();
+        let found = order.map(|ordinal| s.page_record(ordinal).err().and_then(|e| e.rule()).map(|r| r.id()));
+        assert_eq!(found, [None, Some("index.offset")], "{order:?}");
+    }
+}
+
 #[test]
 fn limits_are_held() {
     let (_, bytes) = small("limits");

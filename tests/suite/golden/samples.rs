@@ -1,0 +1,440 @@
+//! Files that break one rule each: a golden file, the bytes that change, and which checksums are made good behind them.
+
+use umbrage::format::checksum::{FileId, block_crc, content_hash, page_crc};
+use umbrage::format::record::{Field, RECORDS};
+use umbrage::format::{Header, SectionRecord};
+use umbrage::reader::Limits;
+
+use super::named;
+use At::{Block, Gap, Page, Record, Root, Section, Structure};
+use Seal::{All, Head, Index, Nothing, Records};
+
+/// What of a file changes.
+#[derive(Clone, Copy)]
+pub enum At {
+    /// A field of the header.
+    Header(&'static str),
+    /// A field of a section record.
+    Section(usize, &'static str),
+    /// A field of a structure record.
+    Structure(usize, &'static str),
+    /// A field of the copy of the root page's record.
+    Root(&'static str),
+    /// A field of the header of a structure's first index block.
+    Block(usize, &'static str),
+    /// A field of a page record: structure, ordinal.
+    Record(usize, usize, &'static str),
+    /// A byte of the first index block that nothing uses.
+    Unused,
+    /// A byte of a page of structure 0: ordinal, word, byte of the word.
+    Page(usize, usize, usize),
+    /// The byte before a section, or before a page of structure 0.
+    Gap(&'static str, usize),
+    /// The whole file.
+    File(&'static str),
+}
+
+/// Which checksums are made good again; each includes those before it.
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
+pub enum Seal {
+    Nothing,
+    /// Of the header.
+    Head,
+    /// Of structure records.
+    Records,
+    /// Of index blocks, and the copies of root page records.
+    Index,
+    /// Of pages.
+    All,
+}
+
+/// A file that breaks `rule` and no other.
+pub struct Sample {
+    pub rule: &'static str,
+    /// What the change is, for the table of rules.
+    pub at: String,
+    pub bytes: Vec<u8>,
+    /// `NAME=N` for `--limit`, where the rule is a limit of the caller.
+    pub limit: Option<(&'static str, u64)>,
+}
+
+impl Sample {
+    /// The limits to open it with.
+    pub fn limits(&self) -> Limits {
+        let mut limits = Limits::default();
+        if let Some((name, n)) = self.limit {
+            match name {
+                "sections" => limits.sections = n as u32,
+                "structures" => limits.structures = n as u32,
+                "pages" => limits.pages = n as u32,
+                "page-bytes" => limits.page_bytes = n as u32,
+                "allocation" => limits.allocation = n,
+                other => panic!("{other}"),
+            }
+        }
+        limits
+    }
+}
+
+/// Golden file, place, new bytes, checksums.
+type Row = (&'static str, &'static str, At, &'static [u8], Seal);
+
+/// A byte is replaced, from the first byte of the place on.
+#[rustfmt::skip]
+const ROWS: &[Row] = &[
+    ("header.magic", "example", At::Header("magic"), b"U", Head),
+    ("header.version", "example", At::Header("version_major"), &[2], Head),
+    ("header.size", "example", At::Header("header_bytes"), &[0], Head),
+    ("header.length", "example", At::Header("total_bytes"), &[0], Head),
+    ("header.feature", "example", At::Header("required_features"), &[4], Head),
+    ("header.alignment", "example", At::Header("alignment_log2"), &[17], Head),
+    ("header.alignment", "example", At::Header("alignment_log2"), &[1], Head),
+    ("header.reserved", "example", At::Header("reserved0"), &[1], Head),
+    ("header.reserved", "example", At::Header("reserved1"), &[1], Head),
+    ("header.truncated", "example", At::Header("section_count"), &[0, 0, 0, 1], Head),
+    ("header.crc", "example", At::Header("optional_features"), &[1], Nothing),
+    ("section.missing", "example", At::Header("structure_count"), &[2], Head),
+    ("section.trailing", "example", At::Header("section_count"), &[2], Head),
+    ("section.reserved", "example", Section(0, "reserved"), &[1], Head),
+    ("section.flags", "example", Section(0, "flags"), &[3], Head),
+    ("section.unknown", "example", Section(1, "kind"), &[9], Head),
+    ("section.order", "example", Section(1, "kind"), &[1], Head),
+    ("section.order", "example", Section(0, "kind"), &[2], Head),
+    ("section.structure", "example", Section(0, "structure"), &[0], Head),
+    ("section.structure", "example", Section(1, "structure"), &[1], Head),
+    ("section.structure", "two", Section(3, "structure"), &[1], Head),
+    ("section.crc-field", "example", Section(1, "crc32"), &[1], Head),
+    ("section.offset", "example", Section(1, "offset"), &[1], Head),
+    ("section.length", "example", Section(2, "length"), &[0, 0, 0, 0x7F], Head),
+    ("section.length", "example", Section(2, "length"), &[0], Head),
+    ("section.padding", "example", Gap("section", 0), &[1], Nothing),
+    ("structure.crc", "example", Structure(0, "name"), b"r", Head),
+    ("structure.name", "example", Structure(0, "name"), &[0], Records),
+    ("structure.name", "example", Structure(0, "name"), &[0xFF], Records),
+    ("structure.name", "example", Structure(0, "name"), b"s\0n", Records),
+    ("structure.unique", "two", Structure(1, "name"), b"sun\0\0\0\0", Records),
+    ("structure.kind", "example", Structure(0, "kind"), &[0], Records),
+    ("structure.projection", "example", Structure(0, "projection"), &[0], Records),
+    ("structure.policy", "example", Structure(0, "policy"), &[0], Records),
+    ("structure.guarantee", "example", Structure(0, "guarantee"), &[0], Records),
+    ("structure.roots", "example", Structure(0, "root_count"), &[0], Records),
+    ("structure.pages", "example", Structure(0, "page_count"), &[0], Records),
+    ("structure.block", "example", Structure(0, "records_per_block"), &[64], Records),
+    ("structure.block", "example", Structure(0, "records_per_block"), &[0], Records),
+    ("structure.block", "example", Structure(0, "index_block_log2"), &[11], Records),
+    ("structure.resolution", "example", Structure(0, "log2_resolution"), &[25], Records),
+    ("structure.resolution", "example", Structure(0, "subtexel_bits"), &[47], Records),
+    ("structure.number", "example", Structure(0, "light_direction"), &[0, 0, 0, 0, 0, 0, 0xF8, 0x7F], Records),
+    ("structure.number", "example", Structure(0, "policy_parameter"), &[0, 0, 0, 0, 0, 0, 0xF0, 0x7F], Records),
+    ("structure.reserved", "example", Structure(0, "reserved0"), &[1], Records),
+    ("structure.reserved", "example", Structure(0, "reserved1"), &[1], Records),
+    ("structure.root", "example", Root("stop_error"), &[7], Records),
+    ("index.words", "example", Root("hot_words"), &[1], Records),
+    ("index.length", "example", Structure(0, "records_per_block"), &[1], Records),
+    ("index.crc", "example", At::Unused, &[1], Head),
+    ("index.reserved", "example", Block(0, "reserved"), &[1], Index),
+    ("index.head", "example", Block(0, "structure"), &[1], Index),
+    ("index.head", "example", Block(0, "first_ordinal"), &[1], Index),
+    ("index.head", "example", Block(0, "record_count"), &[2], Index),
+    ("index.head", "example", Block(0, "dep_count"), &[1], Index),
+    ("index.head", "later", Block(1, "dep_count"), &[4], Index),
+    ("index.unused", "example", At::Unused, &[1], Index),
+    ("index.page-type", "example", Record(0, 1, "page_type"), &[2], Index),
+    ("index.page-type", "example", Record(0, 1, "page_type"), &[16], Index),
+    ("index.page-type", "later", Record(1, 1, "page_type"), &[0], Index),
+    ("index.words", "example", Record(0, 1, "hot_words"), &[0, 0xFF], Index),
+    ("index.words", "example", Record(0, 1, "hot_words"), &[1, 0], Index),
+    ("index.words", "example", Record(0, 1, "cold_words"), &[0, 0xFF], Index),
+    ("index.offset", "example", Record(0, 1, "offset"), &[0, 0xFF], Index),
+    ("index.offset", "example", Record(0, 1, "offset"), &[1], Index),
+    ("index.offset", "example", Record(0, 2, "hot_words"), &[4], Index),
+    ("index.offset", "example", Record(0, 0, "hot_words"), &[20], Index),
+    ("index.children", "example", Record(0, 0, "first_child"), &[2], Index),
+    ("index.children", "example", Record(0, 0, "child_count"), &[3], Index),
+    ("index.children", "example", Record(0, 1, "first_child"), &[1], Index),
+    ("index.children", "example", Record(0, 1, "first_child"), &[2], Index),
+    ("index.children", "example", Record(0, 2, "child_count"), &[1], Index),
+    ("index.children", "later", Record(1, 1, "first_child"), &[1], Index),
+    ("index.root", "example", Record(0, 1, "root"), &[1], Index),
+    ("index.root", "roots", Record(0, 1, "root"), &[0], Index),
+    ("index.footprint", "example", Record(0, 1, "log2_x"), &[3], Index),
+    ("index.footprint", "example", Record(0, 1, "log2_l"), &[17], Index),
+    ("index.footprint", "example", Record(0, 1, "origin_x"), &[1], Index),
+    ("index.footprint", "example", Record(0, 1, "origin_y"), &[4], Index),
+    ("index.levels", "example", Record(0, 1, "level_coarsest"), &[3], Index),
+    ("index.levels", "example", Record(0, 1, "level_finest"), &[1], Index),
+    ("index.depths", "example", Record(0, 1, "min_depth"), &[0, 0, 0, 0xFF], Index),
+    ("index.dependency", "example", Record(0, 1, "dep_first"), &[1], Index),
+    ("index.dependency", "example", Record(0, 1, "dep_count"), &[1], Index),
+    ("index.dependency", "example", Record(0, 1, "dep_count"), &[1, 1], Index),
+    ("index.dependency", "later", Record(1, 1, "dep_first"), &[0], Index),
+    ("index.shared", "later", Record(1, 1, "max_depth"), &[9], Index),
+    ("index.shared", "later", Record(1, 1, "root"), &[1], Index),
+    ("page.padding", "pages", Gap("page", 1), &[1], Nothing),
+    ("page.crc", "example", Page(1, 2, 0), &[0], Nothing),
+    ("page.hash", "example", Record(0, 1, "content_hash"), &[0], Index),
+    ("page.cold", "example", Record(0, 1, "cold_words"), &[4], All),
+    ("page.tag", "example", Page(1, 0, 0), &[2], All),
+    ("page.children", "example", Page(1, 0, 2), &[9], All),
+    ("page.length", "example", Page(1, 1, 0), &[1], All),
+    ("page.level", "example", Page(1, 1, 2), &[2], All),
+    ("page.flags", "example", Page(1, 1, 3), &[1], All),
+    ("mh.plain", "example", Record(0, 1, "page_type"), &[1], All),
+    ("mh.root", "example", Page(0, 0, 1), &[3], All),
+    ("mh.root", "example", Page(1, 0, 1), &[0], All),
+    ("mh.footprint", "example", Record(0, 1, "log2_x"), &[0], All),
+    ("mh.footprint", "example", Record(0, 1, "log2_l"), &[1], All),
+    ("mh.bounds", "example", Page(0, 7, 0), &[1, 0, 8, 0], All),
+    ("mh.overlap", "example", Page(0, 4, 0), &[1, 0, 6, 0], All),
+    ("mh.place", "example", Page(0, 4, 1), &[2], All),
+    ("mh.childless", "example", Page(0, 7, 0), &[0], All),
+    ("mh.depth", "example", Page(1, 0, 1), &[0x43], All),
+    ("mh.order", "example", Page(0, 4, 0), &[1, 0, 4, 0], All),
+    ("mh.reference", "example", Page(0, 7, 2), &[2], All),
+    ("mh.reference", "example", Page(0, 7, 2), &[0], All),
+    ("mh.hole", "example", Page(1, 0, 1), &[0x01], All),
+    ("mh.levels", "example", Record(0, 0, "level_finest"), &[0], All),
+    ("mh.values", "example", Record(0, 1, "max_depth"), &[0x60, 0x03], All),
+    ("mh.link", "example", Record(0, 1, "origin_x"), &[2], All),
+    ("mh.link", "example", Record(0, 2, "origin_y"), &[0], All),
+];
+
+/// Samples whose rule is about the caller's limits.
+const LIMITED: &[(&str, &str, u64)] = &[
+    ("limit.sections", "sections", 2),
+    ("limit.structures", "structures", 0),
+    ("limit.pages", "pages", 2),
+    ("limit.page-bytes", "page-bytes", 8),
+    ("limit.allocation", "allocation", 100),
+];
+
+/// All samples.
+pub fn all() -> Vec<Sample> {
+    let mut samples: Vec<Sample> = ROWS
+        .iter()
+        .map(|&(rule, base, at, new, seal)| {
+            let mut bytes = named(base).bytes.clone();
+            let start = position(&bytes, at);
+            bytes[start..start + new.len()].copy_from_slice(new);
+            if rule == "mh.plain" {
+                // A flat page in a tree: its tag and root mask must then be those of a flat page.
+                let word = position(&bytes, Page(1, 0, 0));
+                bytes[word..word + 2].copy_from_slice(&[0xFF, 0]);
+            }
+            if rule == "mh.depth" {
+                // An empty node with a child below level 0.
+                let word = position(&bytes, Page(1, 2, 0));
+                bytes[word..word + 4].copy_from_slice(&[1, 0, 3, 0]);
+            }
+            repair(&mut bytes, seal);
+            Sample { rule, at: at.to_string(), bytes, limit: None }
+        })
+        .collect();
+    let example = &named("example").bytes;
+    let special = |rule, at: At, bytes: Vec<u8>| Sample { rule, at: at.to_string(), bytes, limit: None };
+    samples.push(special("header.magic", At::File("an empty file"), Vec::new()));
+    samples.push(special("header.truncated", At::File("a file of 100 bytes"), example[..100].to_vec()));
+    samples.push(special("header.length", At::File("a byte behind the file"), [&example[..], &[0]].concat()));
+    let mut extra = with_section(example, 0, b"later");
+    let last = extra.len() - 1;
+    extra[last] ^= 1;
+    samples.push(special("section.crc", At::File("a byte of an unknown section"), extra));
+    samples.push(special("section.unknown", Section(3, "flags"), with_section(example, 1, b"later")));
+    for &(rule, name, n) in LIMITED {
+        let at = At::File("a limit of the caller").to_string();
+        samples.push(Sample { rule, at, bytes: example.clone(), limit: Some((name, n)) });
+    }
+    samples
+}
+
+/// A file with a section of an unknown type behind its last one.
+pub fn with_section(bytes: &[u8], flags: u8, contents: &[u8]) -> Vec<u8> {
+    // One section record more moves all that follows by one step of the alignment.
+    let (shift, count) = (64u64, sections(bytes).len());
+    let table = Header::BYTES + count * SectionRecord::BYTES;
+    let first = offset(bytes, Section(0, "offset"));
+    let mut out = bytes[..table].to_vec();
+    out.resize(first + shift as usize, 0);
+    out.extend(&bytes[first..]);
+    out.resize(out.len().next_multiple_of(64), 0);
+    let start = out.len() as u64;
+    out.extend(contents);
+    let mut add = |at: usize, by: u64| {
+        let value = u64::from_le_bytes(out[at..at + 8].try_into().unwrap()) + by;
+        out[at..at + 8].copy_from_slice(&value.to_le_bytes());
+    };
+    for i in 0..count {
+        add(position(bytes, Section(i, "offset")), shift);
+    }
+    for ordinal in 0..offset(bytes, Structure(0, "page_count")) {
+        add(position(bytes, Record(0, ordinal, "offset")) + shift as usize, shift);
+    }
+    let mut put = |at: usize, value: &[u8]| out[at..at + value.len()].copy_from_slice(value);
+    let field = |name| table + field("SectionRecord", name).offset;
+    put(field("kind"), &77u32.to_le_bytes());
+    put(field("flags"), &[flags]);
+    put(field("structure"), &u32::MAX.to_le_bytes());
+    put(field("offset"), &start.to_le_bytes());
+    put(field("length"), &(contents.len() as u64).to_le_bytes());
+    let total = start + contents.len() as u64;
+    put(position(bytes, At::Header("total_bytes")), &total.to_le_bytes());
+    put(position(bytes, At::Header("section_count")), &[count as u8 + 1]);
+    // The CRC of an unknown section covers its bytes, nothing else.
+    let crc = plain_crc(contents);
+    put(field("crc32"), &crc.to_le_bytes());
+    repair(&mut out, All);
+    out
+}
+
+fn plain_crc(bytes: &[u8]) -> u32 {
+    let mut crc = umbrage::format::checksum::SectionCrc::default();
+    crc.update(bytes);
+    crc.finish()
+}
+
+/// A field of a record of the format.
+pub fn field(record: &str, name: &str) -> Field {
+    let record = RECORDS.iter().find(|r| r.name == record).unwrap();
+    *record.fields.iter().find(|f| f.name == name).unwrap_or_else(|| panic!("{}.{name}", record.name))
+}
+
+fn number(bytes: &[u8], at: usize, length: usize) -> u64 {
+    let mut word = [0; 8];
+    if let Some(from) = at.checked_add(length).and_then(|end| bytes.get(at..end)) {
+        word[..length].copy_from_slice(from);
+    }
+    u64::from_le_bytes(word)
+}
+
+/// Value of a number in a record.
+fn offset(bytes: &[u8], at: At) -> usize {
+    number(bytes, position(bytes, at), at.field().map_or(1, |f| f.bytes)) as usize
+}
+
+/// Type, offset and length of each section, as far as the file still says so.
+fn sections(bytes: &[u8]) -> Vec<(u64, usize, usize)> {
+    let count = number(bytes, field("Header", "section_count").offset, 4).min(16) as usize;
+    let get = |i: usize, f: &str, n| {
+        number(bytes, Header::BYTES + i * SectionRecord::BYTES + field("SectionRecord", f).offset, n) as usize
+    };
+    (0..count).map(|i| (get(i, "kind", 4) as u64, get(i, "offset", 8), get(i, "length", 8))).collect()
+}
+
+/// First byte of the index of a structure.
+fn index(bytes: &[u8], structure: usize) -> usize {
+    sections(bytes).iter().filter(|s| s.0 == 2).nth(structure).map_or(usize::MAX, |s| s.1)
+}
+
+/// First byte of a place.
+pub fn position(bytes: &[u8], at: At) -> usize {
+    let start = match at {
+        At::Header(_) | At::File(_) => 0,
+        Section(i, _) => Header::BYTES + i * SectionRecord::BYTES,
+        Structure(i, _) => sections(bytes)[0].1 + 512 * i,
+        Root(_) => sections(bytes)[0].1 + field("StructureRecord", "root_page").offset,
+        Block(s, _) => index(bytes, s),
+        At::Unused => index(bytes, 0) + 4095,
+        Record(s, ordinal, _) => {
+            let per_block = offset(bytes, Structure(s, "records_per_block")).max(1);
+            let block = 1usize << offset(bytes, Structure(s, "index_block_log2")).min(16);
+            index(bytes, s) + ordinal / per_block * block + 64 + 64 * (ordinal % per_block)
+        }
+        Page(ordinal, word, byte) => offset(bytes, Record(0, ordinal, "offset")) + 4 * word + byte,
+        Gap("section", i) => offset(bytes, Section(i, "offset")) - 1,
+        Gap(_, ordinal) => offset(bytes, Record(0, ordinal, "offset")) - 1,
+    };
+    start + at.field().map_or(0, |f| f.offset)
+}
+
+impl At {
+    fn record(self) -> Option<(&'static str, &'static str)> {
+        Some(match self {
+            At::Header(f) => ("Header", f),
+            Section(_, f) => ("SectionRecord", f),
+            Structure(_, f) => ("StructureRecord", f),
+            Root(f) | Record(_, _, f) => ("PageRecord", f),
+            Block(_, f) => ("BlockHeader", f),
+            _ => return None,
+        })
+    }
+
+    fn field(self) -> Option<Field> {
+        self.record().map(|(record, name)| field(record, name))
+    }
+}
+
+impl std::fmt::Display for At {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match *self {
+            Root(name) => write!(f, "`StructureRecord.root_page.{name}`"),
+            At::Unused => f.write_str("unused bytes of an index block"),
+            Page(_, word @ (0 | 1), _) => write!(f, "word {word} of the frame"),
+            Page(..) => f.write_str("a node's word"),
+            Gap(what, _) => write!(f, "bytes before a {what}"),
+            At::File(what) => f.write_str(what),
+            at => {
+                let (record, name) = at.record().unwrap_or_default();
+                write!(f, "`{record}.{name}`")
+            }
+        }
+    }
+}
+
+/// Makes checksums good again, as far as the bytes still say where they are.
+pub fn repair(bytes: &mut [u8], seal: Seal) {
+    let id: FileId = bytes[field("Header", "file_id").offset..][..16].try_into().unwrap();
+    let table = sections(bytes);
+    let structures = table.first().map_or(0, |s| s.1);
+    let count = (offset(bytes, At::Header("structure_count"))).min(8);
+    let put = |bytes: &mut [u8], at: usize, value: &[u8]| {
+        if let Some(to) = bytes.get_mut(at..at.saturating_add(value.len())) {
+            to.copy_from_slice(value);
+        }
+    };
+    let range = |bytes: &[u8], at: usize, n: usize| Some(bytes.get(at..at.checked_add(n)?)?.to_vec());
+    for s in 0..count {
+        let record = structures.saturating_add(512 * s);
+        if seal >= Index {
+            let index = index(bytes, s);
+            let get = |f: &str, n| number(bytes, record.saturating_add(field("StructureRecord", f).offset), n);
+            let log2 = get("index_block_log2", 1).clamp(12, 16);
+            let per = get("records_per_block", 2).clamp(1, 1023);
+            let pages = get("page_count", 4).clamp(1, 4096);
+            for b in 0..pages.div_ceil(per) {
+                let block = index.saturating_add((b << log2) as usize);
+                for i in 0..per.min(pages - b * per) {
+                    let r = block.saturating_add(64 + 64 * i as usize);
+                    let get = |f: &str, n| number(bytes, r.saturating_add(field("PageRecord", f).offset), n) as usize;
+                    let words = if get("cold_words", 2) == 0 { get("hot_words", 2) } else { get("cold_words", 2) };
+                    let Some(page) = range(bytes, get("offset", 8), 4 * words).filter(|_| seal >= All) else {
+                        continue;
+                    };
+                    let crc = page_crc(&id, s as u32, (b * per + i) as u32, &page);
+                    put(bytes, r.saturating_add(field("PageRecord", "crc32").offset), &crc.to_le_bytes());
+                    put(
+                        bytes,
+                        r.saturating_add(field("PageRecord", "content_hash").offset),
+                        &content_hash(&page).to_le_bytes(),
+                    );
+                }
+                if let Some(block_bytes) = range(bytes, block, 1 << log2) {
+                    put(bytes, block, &block_crc(&id, s as u32, b as u32, &block_bytes[4..]).to_le_bytes());
+                }
+            }
+            if let Some(first) = range(bytes, index.saturating_add(64), 64) {
+                put(bytes, record.saturating_add(field("StructureRecord", "root_page").offset), &first);
+            }
+        }
+        if let (true, Some(r)) = (seal >= Records, range(bytes, record, 512)) {
+            let crc = umbrage::format::checksum::structure_crc(&id, s as u32, &r[..508]);
+            put(bytes, record + 508, &crc.to_le_bytes());
+        }
+    }
+    let end = Header::BYTES + table.len() * SectionRecord::BYTES;
+    if let (true, Some(mut head)) = (seal >= Head, range(bytes, 0, end)) {
+        // The header's CRC is bound to nothing, as that of an unknown section.
+        let at = field("Header", "crc32").offset;
+        head[at..at + 4].fill(0);
+        put(bytes, at, &plain_crc(&head).to_le_bytes());
+    }
+}
