@@ -2,4 +2,5 @@
 
 mod cli;
 mod intervals;
+mod masks;
 mod round_trip;

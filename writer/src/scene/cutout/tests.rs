@@ -171,12 +171,15 @@ fn points_are_covered_iff_sampling_says_solid() {
                 return p;
             }
         };
-        for _ in 0..30 {
-            points.push((random(), false));
+        for _ in 0..60 {
             let (mut p, mut q) = (random(), random());
             if single.solid(p) == single.solid(q) {
+                if r.count(0, 9) == 0 {
+                    points.push((random(), false));
+                }
                 continue;
             }
+            points.push((random(), false));
             for _ in 0..50 {
                 let m = [0, 1].map(|k| 0.5 * (p[k] + q[k]));
                 if single.solid(m) == single.solid(p) { p = m } else { q = m }
@@ -207,7 +210,7 @@ fn points_are_covered_iff_sampling_says_solid() {
             solid += expected;
         }
     }
-    assert!(checked > 20_000 && near > checked / 4 && solid > checked / 5, "{checked} {near} {solid}");
+    assert!(checked > 20_000 && near > checked / 3 && solid > checked / 5, "{checked} {near} {solid}");
 }
 
 #[test]
