@@ -37,8 +37,10 @@ use piece::{Chord, Shape, cross};
 use sample::{FARTHEST, Field};
 use triangulate::{Pieces, Place, Points, triangulate};
 
-/// How far the cut may be from the outline of bilinear sampling, in pixels.
-pub const DEVIATION: f64 = 1.0 / 64.0;
+/// How far the cut may be from the outline of bilinear sampling, in pixels: an eighth for [`piece::CHORD`], five for
+/// [`simplify::JOINT`], two for saddles of the mask at the height of the cutoff, where what f32 rounds to the
+/// cutoff moves the outline most.
+const DEVIATION: f64 = 1.0 / 64.0;
 
 /// The most pixels along the edges of a masked triangle.
 const MOST_EDGE: f64 = (1u64 << 21) as f64;

@@ -5,12 +5,13 @@
 //! two of them are joined by a chord if the mask, along the chord's normal, is proven to rise all over the piece fast
 //! enough that its contour is within [`CHORD`] of the chord; otherwise the piece is split.
 
+use super::DEVIATION;
 use super::edge::{Corner, Edge, along, cubic, local};
 use super::root::roots;
 use super::sample::{Cell, Class, Field, UNIT};
 
 /// The farthest that a chord may be from the contour, in pixels.
-pub const CHORD: f64 = 3.0 / 512.0;
+pub const CHORD: f64 = DEVIATION / 8.0;
 
 /// The most chords of one triangle.
 pub const MOST_CHORDS: usize = 1 << 22;

@@ -2,11 +2,12 @@
 
 use std::collections::HashMap;
 
+use super::DEVIATION;
 use super::piece::Chord;
 use super::sample::UNIT;
 
 /// The farthest that a joined chord may be from the chords that it stands for, in pixels; for bilinear sampling.
-pub const JOINT: f64 = 3.0 / 512.0;
+pub const JOINT: f64 = DEVIATION * 5.0 / 8.0;
 
 /// The most chords that become one.
 const MOST: usize = 64;
