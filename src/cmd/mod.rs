@@ -120,8 +120,8 @@ impl From<umbrage::render::ImageError> for Failure {
     }
 }
 
-/// A scene: `city:SEED[:SIZE]`, `forest:...`, `scan:...`, or a mesh file. What a file has that is ignored is said on
-/// stderr.
+/// A scene: `city:SEED[:SIZE]`, `forest:...`, `scan:...`, or a mesh file. What a file has that is ignored or
+/// changed is said on stderr.
 pub fn load_scene(spec: &str) -> Result<Mesh, Failure> {
     if let Some(mesh) = scene::generated(spec) {
         return mesh.map_err(|e| Failure::new(INPUT, e));
@@ -129,12 +129,6 @@ pub fn load_scene(spec: &str) -> Result<Mesh, Failure> {
     let loaded = scene::load::load(Path::new(spec)).map_err(|e| Failure::new(INPUT, e))?;
     for note in &loaded.notes {
         eprintln!("{spec}: {note}");
-    }
-    if !loaded.masks.is_empty() {
-        let triangles: usize = loaded.masks.iter().map(|m| m.triangles.len()).sum();
-        eprintln!(
-            "{spec}: {triangles} triangles with an alpha mask are taken as solid; this version does not sample masks"
-        );
     }
     Ok(loaded.mesh)
 }

@@ -4,6 +4,7 @@ mod cli;
 mod golden;
 mod intervals;
 mod losing;
+mod masks;
 mod python;
 mod round_trip;
 mod spec;

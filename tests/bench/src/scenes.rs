@@ -45,9 +45,6 @@ pub fn load(name: &str, policy: Option<Policy>) -> Result<Model, Failure> {
     }
     let loaded = scene::load::load(Path::new(name)).map_err(Failure::input)?;
     loaded.notes.iter().for_each(|note| eprintln!("{name}: {note}"));
-    if !loaded.masks.is_empty() {
-        eprintln!("{name}: triangles with an alpha mask are taken as solid");
-    }
     Ok(model(loaded.mesh, Policy::Auto))
 }
 

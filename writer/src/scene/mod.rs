@@ -3,6 +3,8 @@
 //! - `city`: streets, blocks and buildings (`building`) of many touching, nested and interpenetrating solids
 //! - `forest`: ground, trees and hundreds of thousands of thin leaves
 //! - `scan`: one finely tessellated bumpy ball on a slab
+//! - `cutout`: alpha masks of scene files become geometry
+//! - `load`: scene files
 //! - `shape`: closed solids and the frames that place them
 //! - `random`: random numbers and noise
 //!
@@ -14,6 +16,7 @@ mod building;
 #[cfg(test)]
 mod check;
 mod city;
+mod cutout;
 mod forest;
 pub mod load;
 mod random;

@@ -5,6 +5,8 @@
 //! - `polygon`: polygons cut into fans
 //! - `text`: numbers and quotes in messages
 //!
+//! What a glTF alpha MASK leaves of a triangle is cut out of it (`cutout`, beside this folder).
+//!
 //! Coordinates and axes are those of the file; nothing is rescaled or turned. Memory stays within a small multiple of
 //! the bytes read, plus what a glTF scene repeats by instances ([`MOST`], `gltf`).
 
@@ -22,8 +24,11 @@ use std::io::Read;
 use std::path::Path;
 
 pub use error::{Fault, LoadError};
-pub use gltf::{AlphaImage, AlphaMask, MaskedTriangle, Wrap};
+#[cfg(test)]
+pub(super) use gltf::AlphaImage;
+pub(super) use gltf::{AlphaMask, MaskedTriangle, Wrap};
 
+use super::cutout;
 use crate::mesh::Mesh;
 
 /// The most vertices, and the most triangles, that a scene may have.
@@ -34,8 +39,8 @@ pub const MOST: usize = 1 << 28;
 pub struct Loaded {
     /// The triangles; every vertex is used and finite, every index is good.
     pub mesh: Mesh,
-    /// Materials that cut holes by a texture (glTF alpha MASK) and the triangles they are on.
-    pub masks: Vec<AlphaMask>,
+    /// Materials that cut holes by a texture (glTF alpha MASK) and the triangles they are on; none once they are cut.
+    pub(super) masks: Vec<AlphaMask>,
     /// What was ignored or changed, one line each.
     pub notes: Vec<String>,
 }
@@ -47,7 +52,8 @@ enum Format {
     Gltf,
 }
 
-/// Loads the scene file at `path`: by its extension (.obj, .ply, .gltf, .glb), else by what it holds.
+/// Loads the scene file at `path`: by its extension (.obj, .ply, .gltf, .glb), else by what it holds. Triangles under an
+/// alpha mask are replaced by triangles of their solid part.
 ///
 /// # Errors
 /// [`LoadError`], one line that says what to do, if the file can't be read or isn't a scene.
@@ -61,6 +67,7 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
             Format::Ply => ply::parse(bytes)?,
             Format::Gltf => gltf::parse(bytes, path.parent().unwrap_or(Path::new("")))?,
         };
+        cutout::cut(&mut scene)?;
         finish(&mut scene)?;
         Ok(scene)
     };

@@ -16,7 +16,9 @@ mod tests;
 use std::collections::HashMap;
 use std::path::Path;
 
-pub use mask::{AlphaImage, AlphaMask, MaskedTriangle, Wrap};
+#[cfg(test)]
+pub use mask::AlphaImage;
+pub use mask::{AlphaMask, MaskedTriangle, Wrap};
 
 use super::{Fault, Loaded, text};
 use data::{Data, Sources};
