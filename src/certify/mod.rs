@@ -55,6 +55,7 @@ pub use sweep::{Region, Tally};
 
 use facet::{Facet, Role};
 use grid::Grid;
+use umbrage_format::projection::UNCOVERED;
 use umbrage_writer::solid::SnappedMesh;
 
 /// Lattice depths `min ..= max`.
@@ -67,6 +68,15 @@ pub struct Interval {
 }
 
 impl Interval {
+    /// Whether the value is one of the interval's, and no closer than `guard` to its ends where the interval is at least
+    /// four times that wide.
+    pub fn guards(&self, value: u32, guard: u32) -> bool {
+        let (v, g) = (u64::from(value), u64::from(guard));
+        let (min, max) = (u64::from(self.min), u64::from(self.max));
+        let narrow = max - min < 4 * g || self.min == UNCOVERED;
+        self.contains(value) && (narrow || (min + g <= v && v + g <= max))
+    }
+
     /// Whether the value is one of the interval's.
     pub fn contains(&self, value: u32) -> bool {
         (self.min..=self.max).contains(&value)
@@ -88,6 +98,8 @@ pub struct TexelTruth {
 pub struct Oracle<'a> {
     mesh: &'a SnappedMesh,
     grid: Grid,
+    /// Distance that stored values must keep from the ends of wide intervals.
+    guard: u32,
     /// Per solid: whether its triangles bound a volume, so that counters cannot change without a surface in between.
     tight: Vec<bool>,
 }
@@ -95,7 +107,12 @@ pub struct Oracle<'a> {
 impl<'a> Oracle<'a> {
     /// Indexes the mesh.
     pub fn new(mesh: &'a SnappedMesh) -> Self {
-        Self { mesh, grid: Grid::new(mesh), tight: sweep::tight_solids(mesh) }
+        Self { mesh, grid: Grid::new(mesh), guard: 0, tight: sweep::tight_solids(mesh) }
+    }
+
+    /// Asks stored values to keep this distance from the ends of wide intervals ([`Interval::guards`]).
+    pub fn with_guard(self, guard: u32) -> Self {
+        Self { guard, ..self }
     }
 
     /// The truth about texel (x, y).

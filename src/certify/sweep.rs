@@ -70,12 +70,12 @@ impl Tally {
         }
     }
 
-    fn record(&mut self, x: u32, y: u32, stored: u32, truth: &TexelTruth) {
+    fn record(&mut self, x: u32, y: u32, stored: u32, guard: u32, truth: &TexelTruth) {
         self.exact += 1;
         self.texels += 1;
         self.certified += u64::from(truth.certified);
         self.thin += u64::from(truth.thin);
-        if !truth.interval.contains(stored) {
+        if !truth.interval.guards(stored, guard) {
             self.fault(x, y);
         }
     }
@@ -274,7 +274,7 @@ impl Tile<'_> {
                 let facets: Vec<Facet> = facets.filter(|f| f.overlaps(o, 1 << bits)).cloned().collect();
                 let truth = self.oracle.texel_of(&facets, o);
                 let stored = self.stored[(at[1] * self.size[0] + at[0]) as usize];
-                self.tally.record(x, y, stored, &truth);
+                self.tally.record(x, y, stored, self.oracle.guard, &truth);
             }
             Verdict::Open => {
                 let half = size.map(|s| s / 2);
@@ -311,6 +311,9 @@ impl Tile<'_> {
             least = least.min(stored);
             most = most.max(stored);
         }
+        // what is closer than the guard must be right too; where that isn't so, the exact look decides
+        let guard = self.oracle.guard;
+        let (least, most) = (least.saturating_sub(guard), most.saturating_add(guard));
         if most > DEEPEST {
             return Verdict::Open;
         }

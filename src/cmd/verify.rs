@@ -177,7 +177,7 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
     let (edge, thin) = (s.record().edge_texels.get(), s.record().thin_texels.get());
     let map = MhMap::new(s)?;
     let resident = map.preload()?;
-    let oracle = Oracle::new(&snapped);
+    let oracle = Oracle::new(&snapped).with_guard(map.structure().record().depth_guard.get());
     let side = map.resolution();
     let (regions, near) = match sample {
         None => {

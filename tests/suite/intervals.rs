@@ -50,9 +50,10 @@ fn check(mesh: &Mesh, direction: [f64; 3], resolution: u32, policy: Policy, exha
     let behind = if let Policy::Thickness(t) = policy { t } else { 0.0 };
     let lattice = frame::orthographic(direction, k, &mesh.positions, behind).unwrap();
     let snapped = snap(mesh, lattice, policy).unwrap();
-    let tree = build(&snapped, Options { exhaustive }, Spool::in_memory(), &Default::default()).unwrap();
+    let guard = if resolution == 64 { 1000 } else { 3 };
+    let tree = build(&snapped, Options { exhaustive, guard }, Spool::in_memory(), &Default::default()).unwrap();
     let pages: Vec<Page> = tree.spool.pages(tree.root).map(Result::unwrap).collect();
-    let oracle = Oracle::new(&snapped);
+    let oracle = Oracle::new(&snapped).with_guard(guard);
     let region = Region { x: 0, y: 0, width: resolution, height: resolution };
     let t = oracle.check(region, |x, y| stored(&pages, resolution, x, y));
     assert_eq!(t.wrong, 0, "{direction:?} {resolution} {policy:?}: {:?}", t.examples);

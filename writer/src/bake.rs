@@ -19,7 +19,7 @@ use crate::mesh::Mesh;
 use crate::solid::{self, Components, Policy, SnappedMesh, SolidError};
 
 /// Changes whenever the same input would give other bytes.
-const GENERATOR: u32 = 1;
+const GENERATOR: u32 = 2;
 
 /// Bytes of pages that a bake without a budget holds in memory before it puts them aside.
 const SPOOL: u64 = 64 << 20;
@@ -163,19 +163,18 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
         let left = options.memory_bytes.map(|budget| budget.saturating_sub(held).max(1));
         progress.begin(left.unwrap_or(0));
         let spool = Spool::beside(target, left.map_or(SPOOL, |l| (l / 4).clamp(SPOOL_LEAST, SPOOL)) as usize);
-        let tree =
-            build(&snapped, Options { exhaustive: options.exhaustive }, spool, progress).map_err(
-                |stop| match stop {
-                    Stop::Cancelled => BakeError::Cancelled,
-                    Stop::Spool(e) => BakeError::Write(e),
-                    Stop::Budget => {
-                        let needed = held + progress.held();
-                        memory_error(options.memory_bytes.unwrap_or(0), "the geometry with the tree so far", needed)
-                    }
-                },
-            )?;
+        let error = transform_error(mesh, &snapped.lattice);
+        let tree = build(&snapped, Options { exhaustive: options.exhaustive, guard: guard(error) }, spool, progress)
+            .map_err(|stop| match stop {
+                Stop::Cancelled => BakeError::Cancelled,
+                Stop::Spool(e) => BakeError::Write(e),
+                Stop::Budget => {
+                    let needed = held + progress.held();
+                    memory_error(options.memory_bytes.unwrap_or(0), "the geometry with the tree so far", needed)
+                }
+            })?;
         seconds.build += start.elapsed().as_secs_f64();
-        let record = structure(mesh, light, options, &snapped, &tree);
+        let record = structure(mesh, light, options, &snapped, &tree, error);
         let report = LightReport {
             name: light.name.clone(),
             counts: tree.counts,
@@ -294,14 +293,30 @@ pub fn policy_of(record: &StructureRecord) -> Option<Policy> {
     }
 }
 
-fn structure(mesh: &Mesh, light: &Light, options: &BakeOptions, snapped: &SnappedMesh, tree: &Tree) -> StructureRecord {
+/// Bound of the error of the world-to-lattice transform in the mesh's bounds, lattice units of depth.
+fn transform_error(mesh: &Mesh, lattice: &Lattice) -> f64 {
     let mut bound = [0.0f64; 3];
     for p in &mesh.positions {
         for i in 0..3 {
             bound[i] = bound[i].max(p[i].abs());
         }
     }
-    let error = frame::transform_error(&snapped.lattice, bound);
+    frame::transform_error(lattice, bound)
+}
+
+/// The distance that stored values keep from the ends of wide intervals.
+fn guard(error: f64) -> u32 {
+    error.ceil().min(4294967295.0) as u32
+}
+
+fn structure(
+    mesh: &Mesh,
+    light: &Light,
+    options: &BakeOptions,
+    snapped: &SnappedMesh,
+    tree: &Tree,
+    error: f64,
+) -> StructureRecord {
     let (policy, parameter) = policy_code(options.policy);
     let length = frame::dot(light.direction, light.direction).sqrt();
     let mut r = StructureRecord::zeroed();
@@ -312,7 +327,7 @@ fn structure(mesh: &Mesh, light: &Light, options: &BakeOptions, snapped: &Snappe
     r.light_direction = light.direction.map(|c| (c / length).into());
     r.snap_displacement = snapped.displacement.into();
     r.transform_error = error.into();
-    r.depth_guard = (error.ceil().min(4294967295.0) as u32).into();
+    r.depth_guard = guard(error).into();
     r.policy = policy.into();
     r.policy_parameter = parameter.into();
     r.guarantee = if snapped.second_surface { STATIC_SURFACES_ONLY } else { EVERYWHERE }.into();

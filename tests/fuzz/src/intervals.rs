@@ -171,6 +171,9 @@ fn shape(input: &mut Input, corners: &Corners, policy: Policy, mesh: &mut Mesh) 
     }
 }
 
+/// Distance that stored values must keep from the ends of wide intervals.
+const GUARD: u32 = 2;
+
 /// Answer at level 0 of pages that have no frame yet.
 fn stored(pages: &[(Vec<u32>, u32)], log2: u8, x: u32, y: u32) -> u32 {
     let view = |o: u32| {
@@ -181,7 +184,8 @@ fn stored(pages: &[(Vec<u32>, u32)], log2: u8, x: u32, y: u32) -> u32 {
 }
 
 fn compare(mesh: &SnappedMesh, oracle: &Oracle, exhaustive: bool, policy: Policy) {
-    let tree = build(mesh, Options { exhaustive }, Spool::in_memory(), &Progress::default()).expect("nobody cancels");
+    let tree = build(mesh, Options { exhaustive, guard: GUARD }, Spool::in_memory(), &Progress::default())
+        .expect("nobody cancels");
     let framed = |page: Page| {
         let mut words = page.draft.words;
         words[0] = u32::from(page.draft.root_mask.0) << 8;
@@ -214,7 +218,7 @@ fn compare(mesh: &SnappedMesh, oracle: &Oracle, exhaustive: bool, policy: Policy
 pub fn run(data: &[u8]) {
     let Some(scene) = scene(&mut Input(data)) else { return };
     let Ok(mesh) = snap(&scene.mesh, scene.lattice, scene.policy) else { return };
-    let oracle = Oracle::new(&mesh);
+    let oracle = Oracle::new(&mesh).with_guard(GUARD);
     compare(&mesh, &oracle, false, scene.policy);
     compare(&mesh, &oracle, true, scene.policy);
 }

@@ -28,6 +28,8 @@ const PROOF_LIST: usize = 48;
 pub struct Options {
     /// Ask every texel, also where a whole square is proven.
     pub exhaustive: bool,
+    /// Distance that stored values keep from the ends of wide intervals ([`Interval::guarded`]).
+    pub guard: u32,
 }
 
 /// What happened.
@@ -112,6 +114,7 @@ struct Context<'a> {
     resolution_log2: u8,
     second_surface: bool,
     exhaustive: bool,
+    guard: u32,
     spool: &'a Spool,
     progress: &'a Progress,
 }
@@ -134,6 +137,7 @@ pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Prog
         resolution_log2: mesh.lattice.log2_resolution,
         second_surface: mesh.second_surface,
         exhaustive: options.exhaustive,
+        guard: options.guard,
         spool: &spool,
         progress,
     };
@@ -269,12 +273,12 @@ impl Tile<'_> {
             let truth = texel(&self.rays, list, p, size, &mut self.scratch);
             self.counts.edge_texels += u64::from(!truth.certified);
             self.counts.thin_texels += u64::from(truth.thin);
-            return Node::uniform(truth.interval);
+            return Node::uniform(truth.interval.guarded(self.cx.guard));
         }
         if !self.cx.exhaustive && list.len() <= PROOF_LIST {
             let proven = self.prover.prove(self.rays.locals, list, p, size, self.cx.second_surface, false);
             if let Some(interval) = proven {
-                return Node::uniform(interval);
+                return Node::uniform(interval.guarded(self.cx.guard));
             }
         }
         let end = self.stack.len();

@@ -49,6 +49,16 @@ impl Interval {
         (min <= max).then_some(Interval { min, max })
     }
 
+    /// Without what lies closer than `guard` to an end, where it is at least four times that wide; so rounding of a
+    /// receiver's depth by less than `guard` changes no answer.
+    #[inline]
+    pub fn guarded(self, guard: u32) -> Interval {
+        if self == Interval::UNCOVERED || u64::from(self.max - self.min) < 4 * u64::from(guard) {
+            return self;
+        }
+        Interval { min: self.min + guard, max: self.max - guard }
+    }
+
     /// The value that is stored: as far as possible from both ends.
     #[inline]
     pub fn middle(self) -> u32 {
@@ -58,3 +68,18 @@ impl Interval {
 
 /// Largest depth that a scene's surfaces may answer.
 pub(crate) const DEEPEST: i64 = UNCOVERED as i64 - 1;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wide_intervals_keep_a_guard_and_narrow_ones_stay() {
+        let i = |min, max| Interval { min, max };
+        assert_eq!(i(10, 18).guarded(2), i(12, 16));
+        assert_eq!(i(10, 17).guarded(2), i(10, 17));
+        assert_eq!(i(10, 10).guarded(0), i(10, 10));
+        assert_eq!(i(0, u32::MAX - 1).guarded(u32::MAX), i(0, u32::MAX - 1));
+        assert_eq!(Interval::UNCOVERED.guarded(0), Interval::UNCOVERED);
+    }
+}
