@@ -18,7 +18,7 @@ use crate::mesh::Mesh;
 use crate::solid::{self, Components, Policy, SnappedMesh, SolidError};
 
 /// Changes whenever the same input would give other bytes.
-const GENERATOR: u32 = 1;
+pub(crate) const GENERATOR: u32 = 1;
 
 /// A directional light.
 #[derive(Clone, Debug, PartialEq)]
@@ -135,7 +135,7 @@ pub fn lattice(mesh: &Mesh, light: &Light, resolution: u64, policy: Policy) -> R
 /// Whatever is wrong with mesh, lights, resolution, memory or target; the old target stays.
 pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progress) -> Result<Baked, BakeError> {
     solid::check_mesh(mesh)?;
-    check_names(&options.lights)?;
+    check_names(&options.lights.iter().map(|l| l.name.as_str()).collect::<Vec<_>>())?;
     let geometry = check_memory(mesh, options)?;
     progress.budget.store(options.memory_bytes.map_or(0, |b| (b - geometry).max(1)), Ordering::Relaxed);
     let file_id = file_id(mesh, options);
@@ -192,20 +192,20 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
     })
 }
 
-fn check_names(lights: &[Light]) -> Result<(), BakeError> {
-    if lights.is_empty() {
+pub(crate) fn check_names(names: &[&str]) -> Result<(), BakeError> {
+    if names.is_empty() {
         return Err(BakeError::Name { name: String::new() });
     }
-    for (i, l) in lights.iter().enumerate() {
-        let fits = StructureRecord::zeroed().set_name(&l.name);
-        if !fits || lights[..i].iter().any(|o| o.name == l.name) {
-            return Err(BakeError::Name { name: l.name.clone() });
+    for (i, name) in names.iter().enumerate() {
+        let fits = StructureRecord::zeroed().set_name(name);
+        if !fits || names[..i].contains(name) {
+            return Err(BakeError::Name { name: name.to_string() });
         }
     }
     Ok(())
 }
 
-fn memory_error(budget: u64, what: &'static str, needed: u64) -> BakeError {
+pub(crate) fn memory_error(budget: u64, what: &'static str, needed: u64) -> BakeError {
     BakeError::Memory { budget, what, needed, mib: needed.div_ceil(1 << 20) + 1 }
 }
 
@@ -300,7 +300,7 @@ fn structure(mesh: &Mesh, light: &Light, options: &BakeOptions, snapped: &Snappe
     r
 }
 
-fn input(page: Page, root: bool) -> PageInput {
+pub(crate) fn input(page: Page, root: bool) -> PageInput {
     let (min, max) = page.depths();
     let stop = page.stop_error();
     let mut d = page.draft;

@@ -17,7 +17,7 @@ use super::mh::{self, Node};
 use super::page::{At, Forest, Page};
 
 /// Level of the squares that one thread works through alone.
-const TILE_LEVEL: u8 = 8;
+pub(crate) const TILE_LEVEL: u8 = 8;
 /// Longest list of surfaces for which a proof is tried above a single texel.
 const PROOF_LIST: usize = 48;
 
@@ -42,7 +42,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    fn add(&mut self, o: &Counts) {
+    pub(crate) fn add(&mut self, o: &Counts) {
         self.edge_texels += o.edge_texels;
         self.thin_texels += o.thin_texels;
         self.texels_evaluated += o.texels_evaluated;
@@ -68,11 +68,11 @@ impl Progress {
         self.held.load(Ordering::Relaxed)
     }
 
-    fn hold(&self, forest: &Forest) {
+    pub(crate) fn hold(&self, forest: &Forest) {
         self.held.fetch_add(forest.bytes(), Ordering::Relaxed);
     }
 
-    fn over_budget(&self) -> bool {
+    pub(crate) fn over_budget(&self) -> bool {
         let budget = self.budget.load(Ordering::Relaxed);
         budget != 0 && self.held() > budget
     }
@@ -95,10 +95,10 @@ struct Context<'a> {
     progress: &'a Progress,
 }
 
-struct Part {
-    forest: Forest,
-    node: Node,
-    counts: Counts,
+pub(crate) struct Part {
+    pub(crate) forest: Forest,
+    pub(crate) node: Node,
+    pub(crate) counts: Counts,
 }
 
 /// Builds the `mh` tree of a mesh; nothing when cancelled or over the budget. The answer does not depend on the number of threads.
@@ -168,14 +168,8 @@ impl Context<'_> {
         Some(Part { forest, node, counts })
     }
 
-    /// Merges and cuts, except near the root, where the complete coarse levels stay together.
     fn merge(&self, at: At, children: &mut [Node; 4], forest: &mut Forest) -> Node {
-        let mut node = mh::merge(*children, at.level - 1, &mut forest.groups);
-        let depth = self.resolution_log2 - at.level;
-        if depth + 1 >= super::page::COARSE_DEPTH {
-            forest.cut(&mut node, at, children);
-        }
-        node
+        merge(self.resolution_log2, at, children, forest)
     }
 
     fn tile(&self, at: At, list: &[u32]) -> Part {
@@ -199,6 +193,16 @@ impl Context<'_> {
         counts.effort = tile.scratch.effort;
         Part { forest: tile.forest, node, counts }
     }
+}
+
+/// Merges and cuts, except near the root, where the complete coarse levels stay together.
+pub(crate) fn merge(resolution_log2: u8, at: At, children: &mut [Node; 4], forest: &mut Forest) -> Node {
+    let mut node = mh::merge(*children, at.level - 1, &mut forest.groups);
+    let depth = resolution_log2 - at.level;
+    if depth + 1 >= super::page::COARSE_DEPTH {
+        forest.cut(&mut node, at, children);
+    }
+    node
 }
 
 struct Tile<'a> {

@@ -1,8 +1,9 @@
 //! From depth intervals to a tree of pages.
 //!
 //! [`mh`] merges four children into a node (the paper's algorithm 2); [`build`] runs over the map and asks
-//! [`crate::interval`] for the truth; [`page`] cuts the tree into pages and writes their words.
+//! [`crate::interval`] for the truth; [`layers`] takes it from a depth source instead; [`page`] cuts the tree into pages and writes their words.
 
 pub mod build;
+pub mod layers;
 pub mod mh;
 pub mod page;
