@@ -234,7 +234,9 @@ impl StructureRecord {
             EVERYWHERE => "every receiver, static or moving",
             STATIC_SURFACES_ONLY => "receivers on the surfaces of the baked scene only",
             CENTRES => "receivers on rays through texel centres only, static or moving",
-            STATIC_CENTRES => "receivers on rays through texel centres only, and there on the surfaces of the baked scene only",
+            STATIC_CENTRES => {
+                "receivers on rays through texel centres only, and there on the surfaces of the baked scene only"
+            }
             _ => "unknown",
         }
     }

@@ -98,6 +98,16 @@ pub fn run(args: Args) -> Result<(), Failure> {
         ))?;
         line(&format!("  nodes         {all}: {} leaves, {} inner, {} empty", nodes[0], nodes[1], nodes[2]))?;
         line(&format!("  pages         {} in {} index blocks", s.page_count(), s.block_count()))?;
+        line(&format!("  policy        {}", r.policy_words()))?;
+        line(&format!("  right for     {}", r.guarantee_words()))?;
+        if r.is_from_layers() {
+            line(&format!(
+                "  edge texels   all: depths are known at texel centres only; thin {}",
+                r.thin_texels.get()
+            ))?;
+            line("  source        depth layers")?;
+            continue;
+        }
         line(&format!(
             "  edge texels   {} ({:.3} %), thin {}",
             r.edge_texels.get(),

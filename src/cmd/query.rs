@@ -34,6 +34,11 @@ pub fn run(args: Args) -> Result<(), Failure> {
     listen();
     let container = open(&args.file)?;
     let structure = structure(&container, args.light.as_deref())?;
+    let record = structure.record();
+    let from_layers = record.is_from_layers();
+    if from_layers {
+        eprintln!("light '{}': right for {}", structure.name(), record.guarantee_words());
+    }
     let snapped = match &args.source {
         Some(source) => Some(picture::snapped(&load_scene(source)?, &structure)?),
         None => None,
@@ -48,6 +53,8 @@ pub fn run(args: Args) -> Result<(), Failure> {
                 "0"
             }
         }
+        // No texel of depth layers is certified.
+        None if from_layers => "0",
         None => "",
     };
     let mut out = String::new();

@@ -7,7 +7,7 @@ use umbrage::certify::{Oracle, Region, Tally};
 use umbrage::reader::query::mh::MhMap;
 
 use super::output::line;
-use super::{Failure, go_on, listen, load_scene, open, picture};
+use super::{Failure, INPUT, USAGE, go_on, layers, listen, load_scene, open, picture};
 
 /// Arguments of `verify`.
 #[derive(clap::Args)]
@@ -17,12 +17,14 @@ pub struct Args {
     /// Only this light
     #[arg(long)]
     light: Option<String>,
-    /// The scene it was baked from: proves that every stored value is right
+    /// The scene or the .exr file it was baked from: proves that every stored value is right
     #[arg(long, value_name = "SCENE")]
     source: Option<String>,
     /// Check this many texels, in random squares of 64 x 64, instead of all
     #[arg(long, value_name = "N", requires = "source", allow_negative_numbers = true)]
     sample: Option<u64>,
+    #[command(flatten)]
+    layers: layers::Args,
     /// One JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -43,9 +45,29 @@ pub fn run(args: Args) -> Result<(), Failure> {
     });
     let (mut texels, mut violations) = (0, 0);
     let mut lights = Vec::new();
-    if let (Some(source), true) = (&args.source, errors.is_empty()) {
+    let chosen = || container.structures().filter(|s| args.light.as_deref().is_none_or(|n| n == s.name()));
+    if let (Some(source), true) = (args.source.as_ref().filter(|s| layers::are(s)), errors.is_empty()) {
+        for s in chosen() {
+            let name = s.name().to_string();
+            let t = layers::verify(source, &args.layers, s, args.sample)?;
+            texels += t.texels;
+            violations += t.wrong;
+            lights.push(json!({
+                "name": name, "texels": t.texels, "violations": t.wrong, "certified": 0,
+                "edge": t.texels, "thin": t.thin,
+                "examples": t.examples.iter().map(|e| format!("{e:?}")).collect::<Vec<_>>(),
+            }));
+        }
+    } else if let Some(option) = args.layers.given() {
+        return Err(Failure::new(USAGE, format!("{option} is for depth layers; give their .exr file with --source")));
+    } else if let (Some(source), true) = (&args.source, errors.is_empty()) {
+        if let Some(s) = chosen().find(|s| s.record().is_from_layers()) {
+            let message =
+                format!("light '{}' was baked from depth layers; give their .exr file with --source", s.name());
+            return Err(Failure::new(INPUT, message));
+        }
         let mesh = load_scene(source)?;
-        for s in container.structures().filter(|s| args.light.as_deref().is_none_or(|n| n == s.name())) {
+        for s in chosen() {
             let name = s.name().to_string();
             let snapped = picture::snapped(&mesh, &s)?;
             let edge = s.record().edge_texels.get();
@@ -65,11 +87,14 @@ pub fn run(args: Args) -> Result<(), Failure> {
         }
     }
     let ok = errors.is_empty() && violations == 0;
+    let promises: Vec<(String, &str)> =
+        chosen().map(|s| (s.name().to_string(), s.record().guarantee_words())).collect();
     if args.json {
         line(
             &json!({
                 "ok": ok, "errors": errors, "pages": summary.pages, "texels_checked": texels,
                 "violations": violations, "lights": lights,
+                "promises": promises.iter().map(|(n, p)| (n.clone(), json!(p))).collect::<serde_json::Map<_, _>>(),
             })
             .to_string(),
         )?;
@@ -78,6 +103,9 @@ pub fn run(args: Args) -> Result<(), Failure> {
             line(e)?;
         }
         line(&format!("{} pages hold every rule of the format: {}", summary.pages, errors.is_empty()))?;
+        for (name, promise) in &promises {
+            line(&format!("light {name:?} promises to be right for {promise}"))?;
+        }
         for l in &lights {
             line(&format!(
                 "light {}: {} texels held against the source, {} stored values outside their interval, {} edge texels",

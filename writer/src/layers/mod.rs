@@ -116,6 +116,9 @@ pub enum LayersError {
     /// As for geometry: names, memory, target, cancelled.
     #[error(transparent)]
     Bake(#[from] BakeError),
+    /// A file of layers.
+    #[error(transparent)]
+    File(#[from] openexr::ExrError),
     /// The projection of a source.
     #[error("light '{name}': {what}")]
     Projection {
@@ -232,9 +235,11 @@ impl<'a> LatticeLayers<'a> {
             b.clear();
             b.resize(texels, f64::INFINITY);
         }
-        self.source
-            .render(square, &mut buffer.first, &mut buffer.second)
-            .map_err(|source| LayersError::Source { name: self.source.name().to_string(), square, source })?;
+        self.source.render(square, &mut buffer.first, &mut buffer.second).map_err(|source| LayersError::Source {
+            name: self.source.name().to_string(),
+            square,
+            source,
+        })?;
         for (i, (&first, &second)) in buffer.first.iter().zip(&buffer.second).enumerate() {
             let second = if self.second == Second::Absent { f64::INFINITY } else { second };
             if let Err(what) = possible(first, second) {

@@ -130,7 +130,9 @@ pub(super) fn scale(near: f64, far: f64) -> Result<(f64, f64), String> {
     let size = far - near;
     let (low, high) = (near.abs().max(far.abs()), size);
     if !(near < far && (1e-30..=1e30).contains(&high) && low <= 1e30) {
-        return Err(format!("depths from {near} to {far}: expected a range from smaller to larger, 1e-30 to 1e30 long"));
+        return Err(format!(
+            "depths from {near} to {far}: expected a range from smaller to larger, 1e-30 to 1e30 long"
+        ));
     }
     let scale = (4294967296.0 - 2.0 * frame::DEPTH_MARGIN) / size;
     Ok((scale, frame::DEPTH_MARGIN - near * scale))
@@ -143,9 +145,8 @@ pub(super) fn bound(lattice: &Lattice) -> [f64; 3] {
     let mut bound = [0.0f64; 3];
     for i in 0..8 {
         let corner = [side, side, 4294967296.0];
-        let p: [f64; 3] = std::array::from_fn(|k| {
-            (if i >> k & 1 == 1 { corner[k] } else { 0.0 }) - lattice.world_to_lattice[k][3]
-        });
+        let p: [f64; 3] =
+            std::array::from_fn(|k| (if i >> k & 1 == 1 { corner[k] } else { 0.0 }) - lattice.world_to_lattice[k][3]);
         for k in 0..3 {
             bound[k] = bound[k].max(frame::dot(inverse[k], p).abs());
         }
@@ -162,10 +163,8 @@ fn inverse(m: &[[f64; 4]; 3]) -> Option<[[f64; 3]; 3]> {
     let [a, b, c] = unit;
     let columns = [frame::cross(b, c), frame::cross(c, a), frame::cross(a, b)];
     let determinant = frame::dot(a, columns[0]);
-    if !(determinant.abs() > 1e-12) {
-        return None;
-    }
-    Some(std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i] / determinant / size[j])))
+    let entry = |i: usize, j: usize| columns[j][i] / determinant / size[j];
+    (determinant.abs() > 1e-12).then(|| std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j))))
 }
 
 #[cfg(test)]
@@ -177,7 +176,8 @@ mod tests {
         let (low, high) = ([-3.0, 0.0, 5.0], [7.0, 2.0, 9.0]);
         let direction = [0.4, -0.8, 0.3];
         let p = Projection::orthographic(direction, low, high, 1024).unwrap();
-        let corners: Vec<[f64; 3]> = (0..8).map(|i| [0, 1, 2].map(|k| if i >> k & 1 == 1 { high[k] } else { low[k] })).collect();
+        let corners: Vec<[f64; 3]> =
+            (0..8).map(|i| [0, 1, 2].map(|k| if i >> k & 1 == 1 { high[k] } else { low[k] })).collect();
         let wanted = frame::orthographic(direction, 10, &corners, 0.0).unwrap();
         let DepthScale::Between(near, far) = p.depth else { panic!("{p:?}") };
         let (scale, offset) = scale(near, far).unwrap();
