@@ -42,7 +42,7 @@ pub struct Args {
     #[arg(long, allow_negative_numbers = true)]
     threads: Option<usize>,
     #[command(flatten)]
-    layers: layers::Args,
+    layers: layers::LayerArgs,
     #[command(flatten)]
     placement: layers::PlacementArgs,
     /// One JSON object on stdout

@@ -19,7 +19,7 @@ use super::{Failure, INPUT, USAGE, Watched, go_on, parse_numbers};
 
 /// How the files are read.
 #[derive(clap::Args)]
-pub struct Args {
+pub struct LayerArgs {
     /// Depth layers: the file of second depth, where that is a file of its own
     #[arg(long, value_name = "SECOND.exr")]
     second: Option<PathBuf>,
@@ -51,7 +51,7 @@ fn parse_bounds(s: &str) -> Result<[f64; 6], String> {
     if (0..3).all(|k| b[k] <= b[k + 3]) { Ok(b) } else { Err("expected the lowest corner first".to_string()) }
 }
 
-impl Args {
+impl LayerArgs {
     /// An option that was given.
     pub fn given(&self) -> Option<&'static str> {
         let second = self.second.is_some().then_some("--second");
@@ -144,8 +144,17 @@ fn placement(light: &LightArg, args: &PlacementArgs) -> Result<Placement, Failur
     }
 }
 
+/// Reads the files. A decoder that breaks off over damaged pixels is an error of one line, without its own.
+fn read(name: &str, options: &ExrOptions) -> Result<ExrLayers, Failure> {
+    let hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    let layers = ExrLayers::read(name, options, &go_on);
+    std::panic::set_hook(hook);
+    Ok(layers?)
+}
+
 /// Bakes depth layers.
-pub fn run(bake: Bake, args: Args, place: PlacementArgs) -> Result<(), Failure> {
+pub fn run(bake: Bake, args: LayerArgs, place: PlacementArgs) -> Result<(), Failure> {
     let start = Instant::now();
     let options = ExrOptions {
         meaning: meaning(bake.policy)?,
@@ -155,7 +164,7 @@ pub fn run(bake: Bake, args: Args, place: PlacementArgs) -> Result<(), Failure> 
     };
     // Made and removed: a target that can't be written is found before the work, not after it.
     drop(Target::create(&bake.output).map_err(BakeError::from)?);
-    let layers = ExrLayers::read(&bake.light.name, &options, &go_on)?;
+    let layers = read(&bake.light.name, &options)?;
     let side = 1u64 << layers.projection().log2_resolution;
     if let Some(r) = bake.resolution.filter(|r| *r != side) {
         let message = format!("--resolution {r}: the layers have {side} x {side} pixels; leave it out");
@@ -204,13 +213,18 @@ fn report(bake: &Bake, layers: &ExrLayers, b: &BakedLayers, side: u64, load: f64
 }
 
 /// Holds every stored value of a structure, or about `sample` of them, against the layers.
-pub fn verify(source: &str, args: &Args, structure: Structure, sample: Option<u64>) -> Result<LayersTally, Failure> {
+pub fn verify(
+    source: &str,
+    args: &LayerArgs,
+    structure: Structure,
+    sample: Option<u64>,
+) -> Result<LayersTally, Failure> {
     let name = structure.name().to_string();
     let meaning = Second::of(structure.record()).ok_or_else(|| {
         Failure::new(INPUT, format!("light '{name}' was baked from a scene; give that scene with --source"))
     })?;
     let options = ExrOptions { meaning: Some(meaning), placement: Placement::Image, ..args.options(Path::new(source)) };
-    let layers = ExrLayers::read(&name, &options, &go_on)?;
+    let layers = read(&name, &options)?;
     let k = structure.lattice().log2_resolution;
     let found = layers.projection().log2_resolution;
     if found != k {

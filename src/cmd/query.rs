@@ -37,7 +37,13 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let record = structure.record();
     let from_layers = record.is_from_layers();
     if from_layers {
-        eprintln!("light '{}': right for {}", structure.name(), record.guarantee_words());
+        let (name, promise) = (structure.name(), record.guarantee_words());
+        if args.source.is_some() {
+            let message =
+                format!("light '{name}' was baked from depth layers, which certify no texel; leave --source out");
+            return Err(Failure::new(INPUT, message));
+        }
+        eprintln!("light '{name}': right for {promise}");
     }
     let snapped = match &args.source {
         Some(source) => Some(picture::snapped(&load_scene(source)?, &structure)?),

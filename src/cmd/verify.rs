@@ -24,7 +24,7 @@ pub struct Args {
     #[arg(long, value_name = "N", requires = "source", allow_negative_numbers = true)]
     sample: Option<u64>,
     #[command(flatten)]
-    layers: layers::Args,
+    layers: layers::LayerArgs,
     /// One JSON object on stdout
     #[arg(long)]
     json: bool,

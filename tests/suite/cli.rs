@@ -10,10 +10,10 @@ const SCAN: &str = "scan:1:0.05";
 const CITY: &str = "city:1:0.05";
 
 /// A folder of one test, where the program runs.
-struct Place(PathBuf);
+pub struct Place(PathBuf);
 
 impl Place {
-    fn new(name: &str) -> Self {
+    pub fn new(name: &str) -> Self {
         let path = std::env::temp_dir().join(format!("umbrage-cli-{name}-{}", std::process::id()));
         let _ = fs::remove_dir_all(&path);
         fs::create_dir_all(&path).unwrap();
@@ -34,12 +34,12 @@ impl Place {
         c
     }
 
-    fn run(&self, args: &[&str]) -> Output {
+    pub fn run(&self, args: &[&str]) -> Output {
         self.command(args).output().unwrap()
     }
 
     /// Runs to success; what it printed.
-    fn fine(&self, args: &[&str]) -> String {
+    pub fn fine(&self, args: &[&str]) -> String {
         let out = self.run(args);
         let (stdout, stderr) = text(&out);
         assert_eq!((out.status.code(), stderr.as_str()), (Some(0), ""), "{args:?}");
@@ -47,7 +47,7 @@ impl Place {
     }
 
     /// Runs into an error of this exit code; its one line. The folder is as it was.
-    fn refused(&self, code: i32, args: &[&str]) -> String {
+    pub fn refused(&self, code: i32, args: &[&str]) -> String {
         let before = self.entries();
         let out = self.run(args);
         let line = error(&out, code, args);
@@ -55,8 +55,13 @@ impl Place {
         line
     }
 
-    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
         fs::write(self.0.join(name), bytes).unwrap();
+    }
+
+    /// A file in the folder.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
     }
 
     /// Names and lengths of everything in the folder.
@@ -78,7 +83,7 @@ fn entries(folder: &Path) -> Vec<(String, u64)> {
     all
 }
 
-fn text(out: &Output) -> (String, String) {
+pub fn text(out: &Output) -> (String, String) {
     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
     (text(&out.stdout), text(&out.stderr))
 }

@@ -7,6 +7,7 @@ use std::collections::HashSet;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use exr::block::BlockIndex;
 use exr::block::reader::{ChunksReader, Reader};
 use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
@@ -147,7 +148,7 @@ impl File {
             return Err(ExrError::Magic { file: path.to_path_buf() });
         }
         file.seek(SeekFrom::Start(0)).map_err(io)?;
-        let reader = exr::block::read(BufReader::new(file), false).map_err(|e| content(path, &e))?;
+        let reader = guarded(path, || exr::block::read(BufReader::new(file), false))?;
         Ok(File { path: path.to_path_buf(), length: metadata.len(), reader })
     }
 
@@ -231,18 +232,18 @@ impl File {
             })?);
         }
         let wanted = |layer: usize| channels.iter().any(|c| c.header == layer);
-        let chunks = self
-            .reader
-            .filter_chunks(false, |_, _, block| wanted(block.layer) && block.level.x() == 0 && block.level.y() == 0)
-            .map_err(|e| content(&path, &e))?;
+        let level_0 = |block: &BlockIndex| block.level.x() == 0 && block.level.y() == 0;
+        let reader = self.reader;
+        let chunks =
+            guarded(&path, || reader.filter_chunks(false, |_, _, block| wanted(block.layer) && level_0(&block)))?;
         let headers: Vec<Header> = chunks.headers().to_vec();
         let mut seen = HashSet::new();
         let mut pixels = 0;
-        for block in chunks.sequential_decompressor(false) {
+        let mut blocks = chunks.sequential_decompressor(false);
+        while let Some(block) = guarded(&path, || blocks.next().transpose())? {
             if !keep_on() {
                 return Err(LayersError::Stopped);
             }
-            let block = block.map_err(|e| content(&path, &e))?;
             let (position, size) = (block.index.pixel_position, block.index.pixel_size);
             let header = headers.get(block.index.layer).filter(|_| wanted(block.index.layer));
             let inside = |at: usize, n: usize| at.checked_add(n).is_some_and(|end| end <= side);
@@ -271,6 +272,17 @@ impl File {
             return Err(fault(format!("pixels are missing in its {length} bytes; fetch the file again")));
         }
         Ok(planes)
+    }
+}
+
+/// Calls the decoder. It breaks off over some damaged pixels (B44, exr 1.74) instead of returning an error.
+fn guarded<T>(path: &Path, decode: impl FnOnce() -> exr::error::Result<T>) -> Result<T, ExrError> {
+    match std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode)) {
+        Ok(done) => done.map_err(|e| content(path, &e)),
+        Err(_) => Err(ExrError::Content {
+            file: path.to_path_buf(),
+            what: "damaged OpenEXR file (its pixels can't be decoded); fetch it again".to_string(),
+        }),
     }
 }
 
