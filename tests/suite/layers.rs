@@ -104,12 +104,12 @@ impl<F: Fn(u32, u32) -> (f64, f64) + Sync> DepthSource for Closure<F> {
 
 /// Hills that rise in steps and slopes, with holes, some of them thin.
 pub fn hills(x: u32, y: u32) -> (f64, f64) {
-    if (x / 9 + y / 7) % 5 == 0 {
+    if (x / 9 + y / 7).is_multiple_of(5) {
         return (f64::INFINITY, f64::INFINITY);
     }
     let first = f64::from(x / 16 * 5) + f64::from(y) * 0.125 + 3.0;
-    let second = if (x + y) % 11 == 0 { first } else { first + f64::from((x / 8) % 4) + 0.5 };
-    (first, if y % 13 == 0 { f64::INFINITY } else { second })
+    let second = if (x + y).is_multiple_of(11) { first } else { first + f64::from((x / 8) % 4) + 0.5 };
+    (first, if y.is_multiple_of(13) { f64::INFINITY } else { second })
 }
 
 /// The centre rays of a scene, by the exact oracle: an engine that renders without rounding.

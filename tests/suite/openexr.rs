@@ -9,7 +9,7 @@ use umbrage::writer::bake::BakeError;
 use umbrage::writer::hierarchy::build::Progress;
 use umbrage::writer::hierarchy::layers::build;
 use umbrage::writer::layers::openexr::{ExrError, ExrLayers, ExrOptions, Placement};
-use umbrage::writer::layers::{DepthSource, LatticeLayers, LayersError, LayersOptions, Second, bake_layers};
+use umbrage::writer::layers::{DepthSource, LatticeLayers, LayersError, LayersOptions, Second, Square, bake_layers};
 
 use crate::cli::Place;
 use crate::layers::{Closure, Folder, hills, map, open};
@@ -124,6 +124,25 @@ fn files_give_the_tree_of_a_callback_with_the_same_numbers() {
     keys.sort();
     keys.dedup();
     assert_eq!(keys.len(), 2);
+}
+
+#[test]
+fn lossy_compression_changes_depths_by_little() {
+    let folder = Folder::new("exr-lossy");
+    let exr = folder.file("layers.exr");
+    let exact = plane(64, false, hills);
+    // PXR24 keeps 15 bits behind the point of a float.
+    let most = 2.0f64.powi(-15);
+    let encoding = Encoding { compression: Compression::PXR24, ..ZIP };
+    write(&exr, vec![part((64, 64), None, encoding, vec![("Z", floats(&exact))])]);
+    let layers = read(&options(&exr)).unwrap();
+    let square = Square { origin: [0, 0], log2_side: 6 };
+    let [mut first, mut second] = [(); 2].map(|()| vec![f64::INFINITY; square.texels()]);
+    layers.render(square, &mut first, &mut second).unwrap();
+    for (found, exact) in first.iter().zip(&exact) {
+        assert!(found == exact || (found - exact).abs() <= most * exact, "{found} {exact}");
+    }
+    assert!(second.iter().all(|d| *d == f64::INFINITY));
 }
 
 #[test]
@@ -384,6 +403,7 @@ fn the_command_line_bakes_verifies_and_shows_layers() {
     place.fine(&["verify", "both.umb", "--source", "layers.exr", "--light", "sun"]);
     place.refused(3, &["verify", "a.umb", "--source", "scan:1:0.05"]);
     place.refused(3, &["query", "a.umb", "--texels", "texels.csv", "--source", "layers.exr"]);
+    place.refused(3, &["render", "scan:1:0.05", "a.umb", "--camera", "1,2,3,0,0,0", "-o", "new.png"]);
 }
 
 #[test]
