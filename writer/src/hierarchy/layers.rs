@@ -1,6 +1,6 @@
 //! Runs over the map of a depth source: tiles of texels are asked for, turned into intervals and merged.
 //!
-//! In: a [`LatticeLayers`](crate::layers::LatticeLayers). Out: the same [`Tree`] as [`build`](super::build) makes of
+//! In: a [`LatticeLayers`]. Out: the same [`Tree`] as [`build`](super::build) makes of
 //! geometry. A square whose texels share an interval becomes one node by the merge alone.
 
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -137,11 +137,12 @@ impl File {
     /// Not readable, not OpenEXR, cut inside the headers.
     pub fn open(path: &Path) -> Result<File, ExrError> {
         let io = |source| ExrError::Io { file: path.to_path_buf(), source };
-        let mut file = std::fs::File::open(path).map_err(io)?;
-        let metadata = file.metadata().map_err(io)?;
+        let metadata = std::fs::metadata(path).map_err(io)?;
+        // Asked before it is opened: a pipe would wait for its writer.
         if !metadata.is_file() {
             return Err(io(std::io::Error::other("not a regular file")));
         }
+        let mut file = std::fs::File::open(path).map_err(io)?;
         let mut magic = [0; 4];
         let whole = file.read_exact(&mut magic).is_ok();
         if !whole || magic != MAGIC {
