@@ -72,7 +72,7 @@ rules! {
     StructureKind "structure.kind" "the kind is in the registry" NEWER;
     StructureProjection "structure.projection" "the projection is known" NEWER;
     StructurePolicy "structure.policy" "the policy is known" NEWER;
-    StructureGuarantee "structure.guarantee" "the guarantee is known" NEWER;
+    StructureGuarantee "structure.guarantee" "the guarantee is known, and one that the policy can keep" NEWER;
     StructureRoots "structure.roots" "the number of roots is in its range" WRITER;
     StructurePages "structure.pages" "there are at least as many pages as roots and shared pages" WRITER;
     StructureBlock "structure.block" "the index blocks have an allowed size and hold their records" WRITER;

@@ -28,6 +28,16 @@ pub const ORTHOGRAPHIC: u32 = 1;
 pub const EVERYWHERE: u32 = 1;
 /// [`StructureRecord::guarantee`]: only the surfaces of the baked scene.
 pub const STATIC_SURFACES_ONLY: u32 = 2;
+/// [`StructureRecord::guarantee`]: every receiver, static or moving, on the rays through texel centres.
+pub const CENTRES: u32 = 3;
+/// [`StructureRecord::guarantee`]: only the surfaces of the baked scene, on the rays through texel centres.
+pub const STATIC_CENTRES: u32 = 4;
+/// [`StructureRecord::policy`]: depth layers, the second where the solid behind the first is left.
+pub const LAYERS_CLOSED: u32 = 6;
+/// [`StructureRecord::policy`]: depth layers, the second the next surface (depth peeling).
+pub const LAYERS_SECOND_SURFACE: u32 = 7;
+/// [`StructureRecord::policy`]: a layer of first depth alone.
+pub const LAYERS_ONE_SIDED: u32 = 8;
 /// Largest `log2_resolution`.
 pub const MAX_LOG2_RESOLUTION: u8 = 24;
 /// Largest `log2_resolution + subtexel_bits`: lattice coordinates stay below `1 << 48`.
@@ -66,9 +76,11 @@ record! {
         256 => kind: U32;
         /// 1 orthographic.
         260 => projection: U32;
-        /// What lies behind a surface: 1 closed, 2 one-sided, 3 thickness, 4 second-surface, 5 auto.
+        /// What lies behind a surface. Of geometry: 1 closed, 2 one-sided, 3 thickness, 4 second-surface, 5 auto. Of
+        /// depth layers, known at texel centres alone: 6 closed, 7 second-surface, 8 one-sided.
         264 => policy: U32;
-        /// 1 everywhere, 2 static surfaces only.
+        /// Of geometry: 1 everywhere, 2 static surfaces only. Of depth layers, on rays through texel centres alone:
+        /// 3 every receiver (policies 6 and 8), 4 static surfaces only (policy 7).
         268 => guarantee: U32;
         /// Roots (cube faces, tiles of a map that is not square), 1 to 65535. Root r has the page of ordinal r.
         272 => root_count: U32;
@@ -133,8 +145,13 @@ impl StructureRecord {
             return fault(Rule::StructureKind, 256, Value::Between(1, 7), Value::Number(self.kind.get().into()));
         }
         within(Rule::StructureProjection, 260, 1, 1, self.projection.get().into())?;
-        within(Rule::StructurePolicy, 264, 1, 5, self.policy.get().into())?;
-        within(Rule::StructureGuarantee, 268, 1, 2, self.guarantee.get().into())?;
+        within(Rule::StructurePolicy, 264, 1, LAYERS_ONE_SIDED.into(), self.policy.get().into())?;
+        let (least, most) = match self.policy.get() {
+            LAYERS_CLOSED | LAYERS_ONE_SIDED => (CENTRES, CENTRES),
+            LAYERS_SECOND_SURFACE => (STATIC_CENTRES, STATIC_CENTRES),
+            _ => (EVERYWHERE, STATIC_SURFACES_ONLY),
+        };
+        within(Rule::StructureGuarantee, 268, least.into(), most.into(), self.guarantee.get().into())?;
         within(Rule::StructureRoots, 272, 1, u64::from(u16::MAX), self.root_count.get().into())?;
         let fewest = u64::from(self.root_count.get()) + u64::from(self.shared_pages.get());
         within(Rule::StructurePages, 276, fewest, u64::from(u32::MAX), self.page_count.get().into())?;
@@ -189,6 +206,39 @@ impl StructureRecord {
     /// The kind, `None` where the code is not in the registry.
     pub fn kind(&self) -> Option<Kind> {
         Kind::from_code(self.kind.get())
+    }
+
+    /// Whether it comes from depth layers, which say nothing between texel centres.
+    pub fn is_from_layers(&self) -> bool {
+        (LAYERS_CLOSED..=LAYERS_ONE_SIDED).contains(&self.policy.get())
+    }
+
+    /// What lies behind a surface, in words.
+    pub fn policy_words(&self) -> &'static str {
+        match self.policy.get() {
+            1 => "closed",
+            2 => "one-sided",
+            3 => "thickness",
+            4 => "second-surface",
+            5 => "auto",
+            LAYERS_CLOSED => "depth layers, closed: the second depth is where the solid is left",
+            LAYERS_SECOND_SURFACE => "depth layers, second-surface: the second depth is the next surface",
+            LAYERS_ONE_SIDED => "depth layers, one-sided: the first depth alone",
+            _ => "unknown",
+        }
+    }
+
+    /// Which receivers get the right answer, in words.
+    pub fn guarantee_words(&self) -> &'static str {
+        match self.guarantee.get() {
+            EVERYWHERE => "every receiver, static or moving",
+            STATIC_SURFACES_ONLY => "receivers on the surfaces of the baked scene only",
+            CENTRES => "receivers on rays through texel centres only, static or moving",
+            STATIC_CENTRES => {
+                "receivers on rays through texel centres only, and there on the surfaces of the baked scene only"
+            }
+            _ => "unknown",
+        }
     }
 
     /// The world-to-lattice map as the projection has it.

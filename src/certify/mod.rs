@@ -33,7 +33,8 @@
 //! # Reading map
 //! `facet` is one triangle; `ray` follows one ray; `plot` cuts a texel into convex pieces and `area` finds the
 //! area interval with it; `grid` finds triangles; `sweep` passes over many texels, and settles most of them without
-//! an exact look; `sample` says where to look when it can't be everywhere.
+//! an exact look; `sample` says where to look when it can't be everywhere. `layers` is about maps that come from depth
+//! layers instead: centres only.
 
 mod area;
 #[cfg(test)]
@@ -41,6 +42,7 @@ mod cases;
 mod depth;
 mod facet;
 mod grid;
+pub mod layers;
 mod plot;
 mod ray;
 pub mod sample;

@@ -9,22 +9,23 @@ use umbrage::writer::container::Target;
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
-use super::{Failure, TARGET, Watched, listen, load_scene, parse_numbers};
+use super::{Failure, TARGET, USAGE, Watched, layers, listen, load_scene, parse_numbers};
 
 /// Arguments of `bake`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// city:SEED[:SIZE], forest:SEED[:SIZE], scan:SEED[:SIZE], or a .glb, .gltf, .obj or .ply file
+    /// city:SEED[:SIZE], forest:SEED[:SIZE], scan:SEED[:SIZE], or a .glb, .gltf, .obj or .ply file; or depth layers that
+    /// an engine has rendered: an .exr file
     scene: String,
     /// The container to write
     #[arg(short, long, value_name = "FILE.umb")]
     output: PathBuf,
-    /// A light that travels along X,Y,Z; repeat for several
+    /// A light that travels along X,Y,Z; repeat for several. For depth layers one, which may be NAME alone
     #[arg(long, required = true, value_name = "NAME=dir:X,Y,Z", value_parser = parse_light, allow_hyphen_values = true)]
-    light: Vec<Light>,
-    /// Texels on a side, a power of two up to 16777216
-    #[arg(long, default_value_t = 16384, allow_negative_numbers = true)]
-    resolution: u64,
+    light: Vec<LightArg>,
+    /// Texels on a side, a power of two up to 16777216; 16384 without it. Depth layers bring their own
+    #[arg(long, allow_negative_numbers = true)]
+    resolution: Option<u64>,
     /// How texels are encoded
     #[arg(long, default_value = "mh", value_parser = ["mh"])]
     kind: String,
@@ -40,20 +41,36 @@ pub struct Args {
     /// Threads; as many as there are cores without it
     #[arg(long, allow_negative_numbers = true)]
     threads: Option<usize>,
+    #[command(flatten)]
+    layers: layers::LayerArgs,
+    #[command(flatten)]
+    placement: layers::PlacementArgs,
     /// One JSON object on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// `NAME=dir:X,Y,Z`
-fn parse_light(s: &str) -> Result<Light, String> {
+/// A light, whose direction depth layers may leave out.
+#[derive(Clone, Debug)]
+pub struct LightArg {
+    /// Its name.
+    pub name: String,
+    /// Where it travels.
+    pub direction: Option<[f64; 3]>,
+}
+
+/// `NAME=dir:X,Y,Z` or `NAME`
+fn parse_light(s: &str) -> Result<LightArg, String> {
+    if !s.is_empty() && !s.contains(['=', ':', ',']) {
+        return Ok(LightArg { name: s.to_string(), direction: None });
+    }
     let parts = s.split_once('=').and_then(|(name, rest)| Some((name, rest.strip_prefix("dir:")?)));
     let (name, direction) = parts.ok_or_else(|| format!("expected NAME=dir:X,Y,Z, found '{s}'"))?;
     let direction = parse_numbers::<3>(direction)?;
     if direction == [0.0; 3] {
         return Err("the direction is 0; give the way the light travels, for example sun=dir:0.4,-0.8,0.3".to_string());
     }
-    Ok(Light { name: name.to_string(), direction })
+    Ok(LightArg { name: name.to_string(), direction: Some(direction) })
 }
 
 /// A pool of so many threads.
@@ -67,14 +84,39 @@ pub fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool, Failure> {
 /// Runs the command.
 pub fn run(args: Args) -> Result<(), Failure> {
     listen();
+    if layers::are(&args.scene) {
+        let light = layers::one_light(&args.light)?;
+        let bake = layers::Bake {
+            first: args.scene.into(),
+            output: args.output,
+            light,
+            resolution: args.resolution,
+            policy: args.policy,
+            memory_bytes: args.memory.map(|m| m.saturating_mul(1 << 20)),
+            threads: args.threads,
+            json: args.json,
+        };
+        return layers::run(bake, args.layers, args.placement);
+    }
+    if let Some(option) = args.layers.given().or(args.placement.given()) {
+        return Err(Failure::new(USAGE, format!("{option} is for depth layers; {} is a scene", args.scene)));
+    }
+    let light = |l: LightArg| {
+        let name = l.name;
+        match l.direction {
+            Some(direction) => Ok(Light { name, direction }),
+            None => Err(Failure::new(USAGE, format!("light '{name}': expected NAME=dir:X,Y,Z, found no direction"))),
+        }
+    };
+    let lights = args.light.into_iter().map(light).collect::<Result<Vec<_>, _>>()?;
     let start = Instant::now();
     // Made and removed: a target that can't be written is found before the work, not after it.
     drop(Target::create(&args.output).map_err(BakeError::from)?);
     let mesh = load_scene(&args.scene)?;
     let load = start.elapsed().as_secs_f64();
     let options = BakeOptions {
-        lights: args.light,
-        resolution: args.resolution,
+        lights,
+        resolution: args.resolution.unwrap_or(16384),
         policy: args.policy,
         exhaustive: args.builder == "exhaustive",
         memory_bytes: args.memory.map(|m| m.saturating_mul(1 << 20)),

@@ -3,6 +3,7 @@
 mod bake;
 mod demo;
 mod dump;
+mod layers;
 mod merge;
 mod output;
 mod picture;
@@ -21,6 +22,7 @@ use umbrage::reader::{Container, FileSource, Limits, ReaderError, Structure};
 use umbrage::writer::bake::BakeError;
 use umbrage::writer::container::WriteError;
 use umbrage::writer::hierarchy::build::Progress;
+use umbrage::writer::layers::LayersError;
 use umbrage::writer::mesh::Mesh;
 use umbrage::writer::scene;
 
@@ -100,6 +102,16 @@ impl From<BakeError> for Failure {
             BakeError::Cancelled => INTERRUPTED,
         };
         Failure::new(code, e)
+    }
+}
+
+impl From<LayersError> for Failure {
+    fn from(e: LayersError) -> Self {
+        match e {
+            LayersError::Bake(e) => e.into(),
+            LayersError::Stopped => Failure::interrupted(),
+            e => Failure::new(INPUT, e),
+        }
     }
 }
 

@@ -15,6 +15,15 @@ use super::{Failure, INPUT, REFUSED, go_on};
 
 /// The scene as it was when this structure was baked: snapped to its lattice under its policy.
 pub fn snapped(mesh: &Mesh, structure: &Structure) -> Result<SnappedMesh, Failure> {
+    if structure.record().is_from_layers() {
+        return Err(Failure::new(
+            INPUT,
+            format!(
+                "structure '{}' was baked from depth layers, which no scene can be held against; `umbrage verify` takes the .exr file",
+                structure.name()
+            ),
+        ));
+    }
     let policy = policy_of(structure.record())
         .ok_or_else(|| Failure::new(REFUSED, format!("structure '{}': unknown policy", structure.name())))?;
     let triangles = structure.record().triangles.get();

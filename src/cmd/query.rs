@@ -34,6 +34,17 @@ pub fn run(args: Args) -> Result<(), Failure> {
     listen();
     let container = open(&args.file)?;
     let structure = structure(&container, args.light.as_deref())?;
+    let record = structure.record();
+    let from_layers = record.is_from_layers();
+    if from_layers {
+        let (name, promise) = (structure.name(), record.guarantee_words());
+        if args.source.is_some() {
+            let message =
+                format!("light '{name}' was baked from depth layers, which certify no texel; leave --source out");
+            return Err(Failure::new(INPUT, message));
+        }
+        eprintln!("light '{name}': right for {promise}");
+    }
     let snapped = match &args.source {
         Some(source) => Some(picture::snapped(&load_scene(source)?, &structure)?),
         None => None,
@@ -48,6 +59,8 @@ pub fn run(args: Args) -> Result<(), Failure> {
                 "0"
             }
         }
+        // No texel of depth layers is certified.
+        None if from_layers => "0",
         None => "",
     };
     let mut out = String::new();

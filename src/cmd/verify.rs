@@ -12,7 +12,7 @@ use umbrage::reader::{ReaderError, Structure, VerifySummary};
 use umbrage::writer::mesh::Mesh;
 
 use super::output::line;
-use super::{Failure, Watched, go_on, listen, load_scene, open, picture};
+use super::{Failure, INPUT, USAGE, Watched, go_on, layers, listen, load_scene, open, picture};
 
 /// Arguments of `verify`.
 #[derive(clap::Args)]
@@ -22,13 +22,15 @@ pub struct Args {
     /// Only this light
     #[arg(long)]
     light: Option<String>,
-    /// The scene it was baked from: proves that every stored value is right
+    /// The scene or the .exr file it was baked from: proves that every stored value is right
     #[arg(long, value_name = "SCENE")]
     source: Option<String>,
     /// Check this many texels instead of all: half in random squares, half near silhouettes and borders of leaves and
     /// pages
     #[arg(long, value_name = "N", requires = "source", allow_negative_numbers = true)]
     sample: Option<u64>,
+    #[command(flatten)]
+    layers: layers::LayerArgs,
     /// One JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -47,6 +49,7 @@ struct Findings {
     faults: u64,
     summary: VerifySummary,
     structures: u32,
+    promises: Vec<(String, &'static str)>,
     texels: u64,
     near: u64,
     violations: u64,
@@ -81,6 +84,7 @@ impl Findings {
             "texels_checked": self.texels,
             "texels_near_borders": self.near,
             "violations": self.violations,
+            "promises": self.promises.iter().map(|(n, p)| (n.clone(), json!(p))).collect::<serde_json::Map<_, _>>(),
             "lights": self.lights,
         })
     }
@@ -115,17 +119,29 @@ pub fn run(args: Args) -> Result<(), Failure> {
         }
     };
     f.structures = container.structure_count();
+    f.promises = container.structures().map(|s| (s.name().to_string(), s.record().guarantee_words())).collect();
     f.summary = container.verify(|fault| f.broken(&fault));
     if !go_on() {
         return Err(Failure::interrupted());
     }
+    if let Some(name) = &args.light {
+        container.structure_named(name)?;
+    }
+    let from_layers = args.source.as_deref().is_some_and(layers::are);
+    if let (Some(option), false) = (args.layers.given(), from_layers) {
+        return Err(Failure::new(USAGE, format!("{option} is for depth layers; give their .exr file with --source")));
+    }
     if let (Some(source), 0) = (&args.source, f.faults) {
-        let mesh = load_scene(source)?;
-        if let Some(name) = &args.light {
-            container.structure_named(name)?;
-        }
-        for s in container.structures().filter(|s| args.light.as_deref().is_none_or(|n| n == s.name())) {
-            certify(s, &mesh, args.sample, &mut f)?;
+        let chosen = || container.structures().filter(|s| args.light.as_deref().is_none_or(|n| n == s.name()));
+        if from_layers {
+            chosen().try_for_each(|s| certify_layers(s, source, &args, &mut f))?;
+        } else if let Some(s) = chosen().find(|s| s.record().is_from_layers()) {
+            let message =
+                format!("light '{}' was baked from depth layers; give their .exr file with --source", s.name());
+            return Err(Failure::new(INPUT, message));
+        } else {
+            let mesh = load_scene(source)?;
+            chosen().try_for_each(|s| certify(s, &mesh, args.sample, &mut f))?;
         }
     }
     if args.json {
@@ -149,6 +165,9 @@ fn tell(f: &Findings) -> Result<(), Failure> {
             "{} pages are of kinds that this version checks no further than the frame",
             f.summary.unsupported
         ))?;
+    }
+    for (name, promise) in &f.promises {
+        line(&format!("light {name:?} promises to be right for {promise}"))?;
     }
     for l in &f.lights {
         line(&format!(
@@ -224,6 +243,25 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
     f.lights.push(json!({
         "name": name, "texels": t.texels, "near_borders": near, "violations": t.wrong, "certified": t.certified,
         "edge": t.edge(), "thin": t.thin, "examples": examples.into_iter().map(example).collect::<Vec<_>>(),
+    }));
+    Ok(())
+}
+
+/// Holds the stored values of one light against the depth layers it was baked from.
+fn certify_layers(s: Structure, source: &str, args: &Args, f: &mut Findings) -> Result<(), Failure> {
+    let name = s.name().to_string();
+    let t = layers::verify(source, &args.layers, s, args.sample)?;
+    f.texels += t.texels;
+    f.violations += t.wrong;
+    let example = |e: &umbrage::certify::layers::Fault| {
+        json!({
+            "x": e.texel[0], "y": e.texel[1], "stored": e.stored, "min": e.allowed.min, "max": e.allowed.max,
+            "certified": false,
+        })
+    };
+    f.lights.push(json!({
+        "name": name, "texels": t.texels, "near_borders": 0, "violations": t.wrong, "certified": 0,
+        "edge": t.texels, "thin": t.thin, "examples": t.examples.iter().map(example).collect::<Vec<_>>(),
     }));
     Ok(())
 }

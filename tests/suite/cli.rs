@@ -59,6 +59,11 @@ impl Place {
         fs::write(self.0.join(name), bytes).unwrap();
     }
 
+    /// A file in the folder.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+
     /// Names and lengths of everything in the folder.
     pub fn entries(&self) -> Vec<(String, u64)> {
         entries(&self.0)

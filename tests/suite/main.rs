@@ -1,10 +1,14 @@
 //! Tests of the workspace as a whole, in one binary.
 
 mod cli;
+#[path = "../../examples/depth_source.rs"]
+mod depth_source;
 mod golden;
 mod intervals;
+mod layers;
 mod losing;
 mod masks;
+mod openexr;
 mod python;
 mod round_trip;
 mod spec;
@@ -12,3 +16,8 @@ mod spec;
 #[path = "../../reader/tests/suite/tree.rs"]
 mod tree;
 mod verify;
+
+#[test]
+fn the_example_of_a_depth_source_runs() {
+    depth_source::main().unwrap();
+}

@@ -98,7 +98,7 @@ fn dump_sums_up_and_draws() {
     assert_eq!(light["pages"], pages);
     let said = place.fine(&["dump", "city.umb"]);
     assert!(
-        said.contains("1024 x 1024 texels") && said.contains("policy closed") && said.lines().count() < 20,
+        said.contains("1024 x 1024 texels") && said.contains("policy      closed") && said.lines().count() < 20,
         "{said}"
     );
     // three different pictures of 256 x 256

@@ -10,7 +10,7 @@ use umbrage_format::structure::{EVERYWHERE, ORTHOGRAPHIC, STATIC_SURFACES_ONLY};
 use umbrage_format::{FileId, Kind, PageRecord, StructureRecord};
 use xxhash_rust::xxh3::Xxh3;
 
-use crate::container::{ContainerOptions, ContainerWriter, PageInput, WriteError};
+use crate::container::{ContainerOptions, ContainerWriter, PageInput, WriteError, Written};
 use crate::frame::{self, FrameError};
 use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree, build};
 use crate::hierarchy::page::Page;
@@ -19,16 +19,16 @@ use crate::mesh::Mesh;
 use crate::solid::{self, Components, Policy, SnappedMesh, SolidError};
 
 /// Changes whenever the same input would give other bytes.
-const GENERATOR: u32 = 2;
+pub(crate) const GENERATOR: u32 = 2;
 
 /// Bytes of pages that a bake without a budget holds in memory before it puts them aside.
 const SPOOL: u64 = 64 << 20;
 /// The least that it holds.
-const SPOOL_LEAST: u64 = 4 << 20;
+pub(crate) const SPOOL_LEAST: u64 = 4 << 20;
 /// The program itself, its threads' stacks and the lists of the squares they work on.
-const PROGRAM: u64 = 32 << 20;
+pub(crate) const PROGRAM: u64 = 32 << 20;
 /// Groups of 32 x 32 squares of at most [`crate::hierarchy::page::PAGE_WORDS`], of which the root page keeps some.
-const TOP: u64 = 56 << 20;
+pub(crate) const TOP: u64 = 56 << 20;
 
 /// A directional light.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,7 +145,7 @@ pub fn lattice(mesh: &Mesh, light: &Light, resolution: u64, policy: Policy) -> R
 /// Whatever is wrong with mesh, lights, resolution, memory or target; the old target stays.
 pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progress) -> Result<Baked, BakeError> {
     solid::check_mesh(mesh)?;
-    check_names(&options.lights)?;
+    check_names(&options.lights.iter().map(|l| l.name.as_str()).collect::<Vec<_>>())?;
     let geometry = check_memory(mesh, options)?;
     let file_id = file_id(mesh, options);
     let mut seconds = Seconds::default();
@@ -162,7 +162,7 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
         let held = geometry + done.iter().map(|d| d.1.spool.held()).sum::<u64>();
         let left = options.memory_bytes.map(|budget| budget.saturating_sub(held).max(1));
         progress.begin(left.unwrap_or(0));
-        let spool = Spool::beside(target, left.map_or(SPOOL, |l| (l / 4).clamp(SPOOL_LEAST, SPOOL)) as usize);
+        let spool = spool(target, left);
         let error = transform_error(mesh, &snapped.lattice);
         let tree = build(&snapped, Options { exhaustive: options.exhaustive, guard: guard(error) }, spool, progress)
             .map_err(|stop| match stop {
@@ -187,19 +187,8 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
         last = Some(snapped);
     }
     let start = Instant::now();
-    let records = done.iter().map(|d| d.0).collect();
-    let mut writer = ContainerWriter::create(target, ContainerOptions::new(file_id), records)?;
-    let mut lights = Vec::with_capacity(done.len());
-    for (_, tree, report) in done {
-        for (ordinal, page) in tree.spool.pages(tree.root).enumerate() {
-            if progress.cancel.load(Ordering::Relaxed) {
-                return Err(BakeError::Cancelled);
-            }
-            writer.push(&input(page?, ordinal == 0))?;
-        }
-        lights.push(report);
-    }
-    let written = writer.finish()?;
+    let (trees, lights): (Vec<_>, Vec<_>) = done.into_iter().map(|(r, t, report)| ((r, t), report)).unzip();
+    let written = write(target, file_id, trees, progress)?;
     seconds.write = start.elapsed().as_secs_f64();
     Ok(Baked {
         lights,
@@ -210,20 +199,45 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
     })
 }
 
-fn check_names(lights: &[Light]) -> Result<(), BakeError> {
-    if lights.is_empty() {
+/// Where the pages of one tree wait, within a share of what is left of the budget.
+pub(crate) fn spool(target: &Path, left: Option<u64>) -> Spool {
+    Spool::beside(target, left.map_or(SPOOL, |l| (l / 4).clamp(SPOOL_LEAST, SPOOL)) as usize)
+}
+
+/// Puts finished trees into a container.
+pub(crate) fn write(
+    target: &Path,
+    file_id: FileId,
+    trees: Vec<(StructureRecord, Tree)>,
+    progress: &Progress,
+) -> Result<Written, BakeError> {
+    let records = trees.iter().map(|t| t.0).collect();
+    let mut writer = ContainerWriter::create(target, ContainerOptions::new(file_id), records)?;
+    for (_, tree) in trees {
+        for (ordinal, page) in tree.spool.pages(tree.root).enumerate() {
+            if progress.cancel.load(Ordering::Relaxed) {
+                return Err(BakeError::Cancelled);
+            }
+            writer.push(&input(page?, ordinal == 0))?;
+        }
+    }
+    Ok(writer.finish()?)
+}
+
+pub(crate) fn check_names(names: &[&str]) -> Result<(), BakeError> {
+    if names.is_empty() {
         return Err(BakeError::Name { name: String::new() });
     }
-    for (i, l) in lights.iter().enumerate() {
-        let fits = StructureRecord::zeroed().set_name(&l.name);
-        if !fits || lights[..i].iter().any(|o| o.name == l.name) {
-            return Err(BakeError::Name { name: l.name.clone() });
+    for (i, name) in names.iter().enumerate() {
+        let fits = StructureRecord::zeroed().set_name(name);
+        if !fits || names[..i].contains(name) {
+            return Err(BakeError::Name { name: name.to_string() });
         }
     }
     Ok(())
 }
 
-fn memory_error(budget: u64, what: &'static str, needed: u64) -> BakeError {
+pub(crate) fn memory_error(budget: u64, what: &'static str, needed: u64) -> BakeError {
     BakeError::Memory { budget, what, needed, mib: needed.div_ceil(1 << 20) + 1 }
 }
 
@@ -305,7 +319,7 @@ fn transform_error(mesh: &Mesh, lattice: &Lattice) -> f64 {
 }
 
 /// The distance that stored values keep from the ends of wide intervals.
-fn guard(error: f64) -> u32 {
+pub(crate) fn guard(error: f64) -> u32 {
     error.ceil().min(4294967295.0) as u32
 }
 
@@ -339,7 +353,7 @@ fn structure(
     r
 }
 
-fn input(page: Page, root: bool) -> PageInput {
+pub(crate) fn input(page: Page, root: bool) -> PageInput {
     let (min, max) = page.depths();
     let stop = page.stop_error();
     let mut d = page.draft;

@@ -3,7 +3,7 @@
 use umbrage_format::projection::Lattice;
 
 /// Depth lattice steps that stay free before the first and behind the last depth of the scene.
-const DEPTH_MARGIN: f64 = 65536.0;
+pub(crate) const DEPTH_MARGIN: f64 = 65536.0;
 
 /// What can be wrong with a light or a resolution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

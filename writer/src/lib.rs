@@ -10,6 +10,7 @@ pub mod container;
 pub mod frame;
 pub mod hierarchy;
 pub mod interval;
+pub mod layers;
 pub mod mesh;
 pub mod scene;
 pub mod solid;

@@ -183,7 +183,11 @@ const BREACHES: &[(&str, Breach)] = &[
     ("structure.kind", Put(STRUCTURE + 256, 8)),
     ("structure.projection", Put(STRUCTURE + 260, 2)),
     ("structure.policy", Put(STRUCTURE + 264, 0)),
+    ("structure.policy", Put(STRUCTURE + 264, 9)),
     ("structure.guarantee", Put(STRUCTURE + 268, 3)),
+    // The fixture's geometry promises everywhere, which depth layers can't.
+    ("structure.guarantee", Put(STRUCTURE + 264, 6)),
+    ("structure.guarantee", Put(STRUCTURE + 264, 7)),
     ("structure.roots", Put(STRUCTURE + 272, 0)),
     ("structure.pages", Put(STRUCTURE + 276, 0)),
     ("structure.block", Put(STRUCTURE + 288, 64)),

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 use umbrage::format::header::Header;
-use umbrage::format::structure::{EVERYWHERE, STATIC_SURFACES_ONLY};
 use umbrage::format::{SectionRecord, StructureRecord};
 use umbrage::reader::{Container, Structure};
 use umbrage::writer::bake::policy_of;
@@ -63,11 +62,6 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
         f64::from(1u32 << l.subtexel_bits) / steps
     };
     let depth = l.world_to_lattice[2];
-    let guarantee = match r.guarantee.get() {
-        EVERYWHERE => "everywhere",
-        STATIC_SURFACES_ONLY => "static surfaces only",
-        _ => "unknown",
-    };
     Ok(json!({
         "name": s.name(),
         "kind": s.kind().name(),
@@ -75,8 +69,9 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
         "texel_world": [texel(l.world_to_lattice[0]), texel(l.world_to_lattice[1])],
         "depth_step_world": 1.0 / (depth[0] * depth[0] + depth[1] * depth[1] + depth[2] * depth[2]).sqrt(),
         "light_direction": r.light_direction.map(|c| c.get()),
-        "policy": policy_of(r).map_or("unknown".to_string(), |p| p.to_string()),
-        "guarantee": guarantee,
+        "policy": policy_of(r).map_or_else(|| r.policy_words().to_string(), |p| p.to_string()),
+        "guarantee": r.guarantee_words(),
+        "from_layers": r.is_from_layers(),
         "edge_texels": r.edge_texels.get(), "thin_texels": r.thin_texels.get(),
         "depth_min": root.min_depth.get(), "depth_max": root.max_depth.get(), "depth_guard": r.depth_guard.get(),
         "triangles": r.triangles.get(), "snap_displacement_world": r.snap_displacement.get(),
@@ -141,8 +136,13 @@ fn print_light(l: &Value) -> Result<(), Failure> {
     )?;
     let edge = number(&l["edge_texels"]);
     let share = edge as f64 / (side as f64).powi(2) * 100.0;
-    row("promise", format!("{} (policy {}) but in edge texels", text("guarantee"), text("policy")))?;
-    row("edges", format!("{edge} edge texels ({share:.3} %), {} of them thin", l["thin_texels"]))?;
+    row("policy", text("policy").to_string())?;
+    row("right for", text("guarantee").to_string())?;
+    if l["from_layers"] == true {
+        row("edges", format!("all texels: depths are known at their centres only; {} thin", l["thin_texels"]))?;
+    } else {
+        row("edges", format!("{edge} edge texels ({share:.3} %), {} of them thin", l["thin_texels"]))?;
+    }
     row(
         "depths",
         format!(
@@ -153,13 +153,15 @@ fn print_light(l: &Value) -> Result<(), Failure> {
             l["depth_guard"]
         ),
     )?;
+    let moved = real(&l["snap_displacement_world"]);
     row(
         "source",
-        format!(
-            "{} triangles, vertices moved by at most {:.2e} world units",
-            l["triangles"],
-            real(&l["snap_displacement_world"])
-        ),
+        match l["from_layers"] == true {
+            true => "depth layers".to_string(),
+            false => {
+                format!("{} triangles, vertices moved by at most {moved:.2e} world units", l["triangles"])
+            }
+        },
     )?;
     let n = &l["nodes"];
     let nodes = number(&n["leaf"]) + number(&n["inner"]) + number(&n["empty"]);

@@ -19,7 +19,7 @@ use super::spool::Spool;
 use crate::container::WriteError;
 
 /// Level of the squares that one thread works through alone.
-const TILE_LEVEL: u8 = 8;
+pub(crate) const TILE_LEVEL: u8 = 8;
 /// Longest list of surfaces for which a proof is tried above a single texel.
 const PROOF_LIST: usize = 48;
 
@@ -46,7 +46,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    fn add(&mut self, o: &Counts) {
+    pub(crate) fn add(&mut self, o: &Counts) {
         self.edge_texels += o.edge_texels;
         self.thin_texels += o.thin_texels;
         self.texels_evaluated += o.texels_evaluated;
@@ -80,7 +80,18 @@ impl Progress {
         self.pages.store(0, Ordering::Relaxed);
     }
 
-    fn over_budget(&self) -> bool {
+    /// Counts what a finished part holds.
+    pub(crate) fn hold(&self, forest: &Forest, spool: &Spool) {
+        self.groups.fetch_add(forest.bytes(), Ordering::Relaxed);
+        self.pages.store(spool.held(), Ordering::Relaxed);
+    }
+
+    /// Takes back what parts held that went into another.
+    pub(crate) fn release(&self, bytes: u64) {
+        self.groups.fetch_sub(bytes, Ordering::Relaxed);
+    }
+
+    pub(crate) fn over_budget(&self) -> bool {
         let budget = self.budget.load(Ordering::Relaxed);
         budget != 0 && self.held() > budget
     }
@@ -119,10 +130,10 @@ struct Context<'a> {
     progress: &'a Progress,
 }
 
-struct Part {
-    forest: Forest,
-    node: Node,
-    counts: Counts,
+pub(crate) struct Part {
+    pub(crate) forest: Forest,
+    pub(crate) node: Node,
+    pub(crate) counts: Counts,
 }
 
 /// Builds the `mh` tree of a mesh; its pages go to `spool`. The answer does not depend on the number of threads.
@@ -177,8 +188,7 @@ impl Context<'_> {
             if self.cancelled() {
                 return None;
             }
-            self.progress.groups.fetch_add(part.forest.bytes(), Ordering::Relaxed);
-            self.progress.pages.store(self.spool.held(), Ordering::Relaxed);
+            self.progress.hold(&part.forest, self.spool);
             if self.spool.has_failed() {
                 return None;
             }
@@ -207,19 +217,13 @@ impl Context<'_> {
         let node = self.merge(at, &mut children, &mut forest);
         // what was cut is garbage now
         let node = forest.compact(node);
-        self.progress.groups.fetch_add(forest.bytes(), Ordering::Relaxed);
-        self.progress.groups.fetch_sub(released, Ordering::Relaxed);
+        self.progress.hold(&forest, self.spool);
+        self.progress.release(released);
         Some(Part { forest, node, counts })
     }
 
-    /// Merges and cuts, except near the root, where the complete coarse levels stay together.
     fn merge(&self, at: At, children: &mut [Node; 4], forest: &mut Forest) -> Node {
-        let mut node = mh::merge(*children, at.level - 1, &mut forest.groups);
-        let depth = self.resolution_log2 - at.level;
-        if depth + 1 >= super::page::COARSE_DEPTH {
-            forest.cut(&mut node, at, children, self.spool);
-        }
-        node
+        merge(self.resolution_log2, at, children, forest, self.spool)
     }
 
     fn tile(&self, at: At, list: &[u32]) -> Part {
@@ -243,6 +247,16 @@ impl Context<'_> {
         counts.effort = tile.scratch.effort;
         Part { forest: tile.forest, node, counts }
     }
+}
+
+/// Merges and cuts, except near the root, where the complete coarse levels stay together.
+pub(crate) fn merge(resolution_log2: u8, at: At, children: &mut [Node; 4], forest: &mut Forest, spool: &Spool) -> Node {
+    let mut node = mh::merge(*children, at.level - 1, &mut forest.groups);
+    let depth = resolution_log2 - at.level;
+    if depth + 1 >= super::page::COARSE_DEPTH {
+        forest.cut(&mut node, at, children, spool);
+    }
+    node
 }
 
 struct Tile<'a> {
@@ -273,12 +287,12 @@ impl Tile<'_> {
             let truth = texel(&self.rays, list, p, size, &mut self.scratch);
             self.counts.edge_texels += u64::from(!truth.certified);
             self.counts.thin_texels += u64::from(truth.thin);
-            return Node::uniform(truth.interval.guarded(self.cx.guard));
+            return Node::guarded(truth.interval, self.cx.guard);
         }
         if !self.cx.exhaustive && list.len() <= PROOF_LIST {
             let proven = self.prover.prove(self.rays.locals, list, p, size, self.cx.second_surface, false);
             if let Some(interval) = proven {
-                return Node::uniform(interval.guarded(self.cx.guard));
+                return Node::guarded(interval, self.cx.guard);
             }
         }
         let end = self.stack.len();

@@ -62,6 +62,11 @@ impl Span {
 }
 
 impl Node {
+    /// A square that one interval answers, whose value shall keep `guard` from wide ends.
+    pub fn guarded(interval: Interval, guard: u32) -> Node {
+        Node { interval: interval.guarded(guard), ..Node::uniform(interval) }
+    }
+
     /// A square that one interval answers.
     pub fn uniform(interval: Interval) -> Node {
         let span = Span { low: interval.min, high: interval.max, min: u32::MAX, max: 0 };

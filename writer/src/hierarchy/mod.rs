@@ -1,10 +1,11 @@
 //! From depth intervals to a tree of pages.
 //!
 //! [`mh`] merges four children into a node (the paper's algorithm 2); [`build`] runs over the map and asks
-//! [`crate::interval`] for the truth; [`page`] cuts the tree into pages and writes their words; [`spool`]
-//! holds them until all are there.
+//! [`crate::interval`] for the truth; [`layers`] takes it from a depth source instead; [`page`] cuts the tree into
+//! pages and writes their words; [`spool`] holds them until all are there.
 
 pub mod build;
+pub mod layers;
 pub mod mh;
 pub mod page;
 pub mod spool;
