@@ -48,11 +48,11 @@ const MOST_EDGE: f64 = (1u64 << 21) as f64;
 /// The most pixels below all masked triangles that differ.
 const MOST_PIXELS: f64 = (1u64 << 31) as f64;
 
-/// Below this sine of its widest angle a triangle is so flat that a chord may have all others in its way.
-const BLUNT: f64 = 1.0 / 32.0;
+/// Triangles are narrow if less high than this share of their longest edge.
+const NARROW: f64 = 1.0 / 128.0;
 
-/// The most chords of such a triangle: what it takes grows with their square.
-const MOST_BLUNT: usize = 1 << 14;
+/// The most chords of a narrow triangle: the time that it takes grows with their square.
+const MOST_NARROW: usize = 1 << 14;
 
 /// Triangles that are cut before the next check.
 const BATCH: usize = 256;
@@ -287,9 +287,10 @@ fn spread_wide(field: &Field, corners: [Corner; 3], legs: [f64; 2]) -> Result<Cu
     let chords: Vec<Chord> = simplify::simplify(&chords, tolerance, |at| fixed.contains_key(&at));
     let [a, b, c] = corners.map(|c| c.at);
     let area = cross(a, b, c) as f64;
-    let sine = area / (UNIT as f64 * UNIT as f64) / (legs[0] * legs[1]);
-    if sine < BLUNT && chords.len() > MOST_BLUNT {
-        return Err(MOST_BLUNT);
+    let longest = [[b, c], [c, a], [a, b]].into_iter().map(|[p, q]| [0, 1].map(|k| (q[k] - p[k]) as f64));
+    let longest = longest.map(|d| d[0] * d[0] + d[1] * d[1]).fold(0.0, f64::max);
+    if area < NARROW * longest && chords.len() > MOST_NARROW {
+        return Err(MOST_NARROW);
     }
     let mut number = |at: [i64; 2]| {
         let inside = || points.inside([cross(a, at, c) as f64 / area, cross(a, b, at) as f64 / area]);
@@ -310,8 +311,8 @@ fn flat(field: &Field, corners: [Corner; 3]) -> Result<Cut, usize> {
     if let Some(cut) = plain(&rim) {
         return Ok(cut);
     }
-    if rim.len() > MOST_BLUNT {
-        return Err(MOST_BLUNT);
+    if rim.len() > MOST_NARROW {
+        return Err(MOST_NARROW);
     }
     // Lines across join what is equally far along; the farthest corner starts and ends the way on both sides.
     let key = |k: &usize| (corners[*k].at, corners[*k].opacity);
