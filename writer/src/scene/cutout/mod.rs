@@ -34,7 +34,7 @@ use super::load::{AlphaMask, Fault, Loaded, MOST, MaskedTriangle};
 use crate::mesh::Mesh;
 use edge::{Corner, Edge};
 use piece::{Chord, Shape, cross};
-use sample::{FARTHEST, Field};
+use sample::{FARTHEST, Field, UNIT};
 use triangulate::{Pieces, Place, Points, triangulate};
 
 /// How far the cut may be from the outline of bilinear sampling, in pixels: an eighth for [`piece::CHORD`], five for
@@ -47,6 +47,12 @@ const MOST_EDGE: f64 = (1u64 << 21) as f64;
 
 /// The most pixels below all masked triangles that differ.
 const MOST_PIXELS: f64 = (1u64 << 31) as f64;
+
+/// Triangles are narrow if less high than this share of their longest edge.
+const NARROW: f64 = 1.0 / 128.0;
+
+/// The most chords of a narrow triangle: the time that it takes grows with their square.
+const MOST_NARROW: usize = 1 << 14;
 
 /// Triangles that are cut before the next check.
 const BATCH: usize = 256;
@@ -161,18 +167,18 @@ fn cut_one(mask: &AlphaMask, triangle: &MaskedTriangle) -> Result<Cut, Fault> {
         corner.at = field.place(triangle.uv[k]).ok_or(()).map_err(far)?;
         corner.opacity = f64::from(triangle.opacity[k]);
     }
+    let many = |limit: usize| Fault::TooLarge {
+        at: format!("alpha mask of material {}, triangle {}", mask.material, triangle.triangle),
+        most: format!("{limit} lines along its outline"),
+        found: "more".into(),
+    };
     let [a, b, c] = corners.map(|c| c.at);
     let area = cross(a, b, c);
     let mut cut = if area == 0 {
-        flat(&field, corners)
+        flat(&field, corners).map_err(many)?
     } else {
         let order = if area > 0 { [0, 1, 2] } else { [0, 2, 1] };
-        let chords = piece::MOST_CHORDS as f64;
-        let cut = spread(&field, order.map(|k| corners[k]));
-        match cut {
-            Some(cut) => reordered(cut, order),
-            None => return most(mask, triangle, chords + 1.0, chords, "lines along its outline").map(|()| Cut::Whole),
-        }
+        reordered(spread(&field, order.map(|k| corners[k])).map_err(many)?, order)
     };
     if let Cut::Pieces(pieces) = &mut cut {
         if pieces.triangles.is_empty() {
@@ -184,18 +190,30 @@ fn cut_one(mask: &AlphaMask, triangle: &MaskedTriangle) -> Result<Cut, Fault> {
     Ok(cut)
 }
 
-/// Names corners by `order` and turns the triangles if it does.
-fn reordered(mut cut: Cut, order: [usize; 3]) -> Cut {
-    if let Cut::Pieces(pieces) = &mut cut
-        && order != [0, 1, 2]
-    {
+/// Names corners by `order`; the weight of each stays with it.
+fn renamed(mut cut: Cut, order: [usize; 3]) -> Cut {
+    if let Cut::Pieces(pieces) = &mut cut {
         for place in &mut pieces.points {
             *place = match *place {
                 Place::Corner(k) => Place::Corner(order[k]),
                 Place::Edge { from, to, t } => Place::Edge { from: order[from], to: order[to], t },
-                Place::Inside([second, third]) => Place::Inside([third, second]),
+                Place::Inside(weights) => {
+                    let mut named = [0.0; 3];
+                    order.iter().zip(weights).for_each(|(k, w)| named[*k] = w);
+                    Place::Inside(named)
+                }
             };
         }
+    }
+    cut
+}
+
+/// Names corners by `order` and turns the triangles if it does.
+fn reordered(cut: Cut, order: [usize; 3]) -> Cut {
+    let mut cut = renamed(cut, order);
+    if let Cut::Pieces(pieces) = &mut cut
+        && order == [0, 2, 1]
+    {
         pieces.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     }
     cut
@@ -228,16 +246,33 @@ fn plain(rim: &[(u32, bool)]) -> Option<Cut> {
     }
 }
 
-/// Cuts a triangle that is counter-clockwise in the image; none if that gives too many chords.
-fn spread(field: &Field, corners: [Corner; 3]) -> Option<Cut> {
+/// Cuts a triangle that is counter-clockwise in the image.
+///
+/// # Errors
+/// How many chords there may be, if there are more.
+fn spread(field: &Field, corners: [Corner; 3]) -> Result<Cut, usize> {
+    let d = |p: usize, q: usize| [0, 1].map(|k| (corners[q].at[k] - corners[p].at[k]) as f64 / UNIT as f64);
+    let length = |d: [f64; 2]| (d[0] * d[0] + d[1] * d[1]).sqrt();
+    let across = [d(1, 2), d(2, 0), d(0, 1)].map(length);
+    // The widest angle comes first.
+    let first = (1..3).fold(0, |f, k| if across[k] > across[f] { k } else { f });
+    let order = [0, 1, 2].map(|k| (first + k) % 3);
+    let corners = order.map(|k| corners[k]);
+    let legs = [across[order[2]], across[order[1]]];
+    let cut = spread_wide(field, corners, legs)?;
+    Ok(renamed(cut, order))
+}
+
+/// Cuts a triangle whose first angle is the widest, with edges there of these lengths in pixels.
+fn spread_wide(field: &Field, corners: [Corner; 3], legs: [f64; 2]) -> Result<Cut, usize> {
     let shape = Shape::new(field, corners);
-    let chords = shape.outline()?;
-    let mut points = Points::default();
+    let chords = shape.outline().ok_or(piece::MOST_CHORDS)?;
+    let mut points = Points::new(legs);
     let rim = rim(&shape.edges, &mut points);
     if chords.is_empty()
         && let Some(cut) = plain(&rim)
     {
-        return Some(cut);
+        return Ok(cut);
     }
     let mut fixed: HashMap<[i64; 2], u32> = HashMap::new();
     for (k, edge) in shape.edges.iter().enumerate() {
@@ -252,21 +287,32 @@ fn spread(field: &Field, corners: [Corner; 3]) -> Option<Cut> {
     let chords: Vec<Chord> = simplify::simplify(&chords, tolerance, |at| fixed.contains_key(&at));
     let [a, b, c] = corners.map(|c| c.at);
     let area = cross(a, b, c) as f64;
+    let longest = [[b, c], [c, a], [a, b]].into_iter().map(|[p, q]| [0, 1].map(|k| (q[k] - p[k]) as f64));
+    let longest = longest.map(|d| d[0] * d[0] + d[1] * d[1]).fold(0.0, f64::max);
+    if area < NARROW * longest && chords.len() > MOST_NARROW {
+        return Err(MOST_NARROW);
+    }
     let mut number = |at: [i64; 2]| {
         let inside = || points.inside([cross(a, at, c) as f64 / area, cross(a, b, at) as f64 / area]);
         fixed.get(&at).copied().unwrap_or_else(inside)
     };
     let chords: Vec<[u32; 2]> = chords.iter().map(|c| c.map(&mut number)).collect();
-    Some(Cut::Pieces(triangulate(points, &rim, &chords)))
+    Ok(Cut::Pieces(triangulate(points, &rim, &chords)))
 }
 
 /// Cuts a triangle whose texture coordinates lie on a line or in a point: straight between marks on its edges.
-fn flat(field: &Field, corners: [Corner; 3]) -> Cut {
+///
+/// # Errors
+/// How many chords there may be, if there are more.
+fn flat(field: &Field, corners: [Corner; 3]) -> Result<Cut, usize> {
     let edges = [0, 1, 2].map(|k| Edge::new(field, corners[k], corners[(k + 1) % 3]));
-    let mut points = Points::default();
+    let mut points = Points::new([1.0; 2]);
     let rim = rim(&edges, &mut points);
     if let Some(cut) = plain(&rim) {
-        return cut;
+        return Ok(cut);
+    }
+    if rim.len() > MOST_NARROW {
+        return Err(MOST_NARROW);
     }
     // Lines across join what is equally far along; the farthest corner starts and ends the way on both sides.
     let key = |k: &usize| (corners[*k].at, corners[*k].opacity);
@@ -282,7 +328,7 @@ fn flat(field: &Field, corners: [Corner; 3]) -> Cut {
         chord.map(|i| rim[i].0)
     });
     let chords: Vec<[u32; 2]> = chords.collect();
-    Cut::Pieces(triangulate(points, &rim, &chords))
+    Ok(Cut::Pieces(triangulate(points, &rim, &chords)))
 }
 
 /// The mesh with every masked triangle (index and job, rising) replaced.
@@ -342,9 +388,9 @@ fn place_at(place: Place, corners: [u32; 3], positions: &mut Vec<[f64; 3]>) -> u
             let (a, b) = (p(from), p(to));
             [0, 1, 2].map(|d| a[d] * (1.0 - t) + b[d] * t)
         }
-        Place::Inside([v, w]) => {
+        Place::Inside(w) => {
             let (a, b, c) = (p(0), p(1), p(2));
-            [0, 1, 2].map(|d| a[d] * (1.0 - v - w) + b[d] * v + c[d] * w)
+            [0, 1, 2].map(|d| a[d] * w[0] + b[d] * w[1] + c[d] * w[2])
         }
     };
     positions.push(position);

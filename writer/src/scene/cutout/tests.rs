@@ -433,3 +433,19 @@ fn threads_do_not_matter() {
     };
     assert_eq!(run(1), run(4));
 }
+
+#[test]
+fn narrow_triangles_have_a_limit_of_their_own() {
+    let mask = checker(2, 1, |x, _| if x == 0 { 255 } else { 0 });
+    let uv = [[0.0, 0.0], [2_000.0, 0.0], [2_000.0, 1.0]];
+    let mesh = cut_of(&mask, &MaskedTriangle { triangle: 0, uv, opacity: [1.0; 3] });
+    assert!((3_999..8_000).contains(&mesh.triangles.len()), "{}", mesh.triangles.len());
+    assert!((area(&mesh) - 0.25).abs() < 1e-3);
+    // So narrow that each is in the way of all others.
+    let mut flat = mask.clone();
+    let uv = [[0.0, 0.0], [20_000.0, 0.0], [10_000.0, 0.7]];
+    flat.triangles.push(MaskedTriangle { triangle: 0, uv, opacity: [1.0; 3] });
+    let mesh = Mesh { positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], triangles: vec![[0, 1, 2]] };
+    let fault = cut(&mut Loaded { mesh, masks: vec![flat], notes: Vec::new() }).unwrap_err();
+    assert!(fault.to_string().contains("at most 16384 lines along its outline"), "{fault}");
+}

@@ -1,6 +1,7 @@
 //! Triangles between chords: a constrained Delaunay triangulation of the whole triangle, of which the solid faces stay.
 //!
-//! Positions are barycentric, in whole steps, so that points on an edge lie on it exactly and no crack can open there.
+//! Positions are barycentric, in whole steps, along axes scaled by powers of two: points on an edge lie on it exactly, so
+//! that no crack can open there, and distances are about those in the image, so that few edges are in a chord's way.
 
 use std::collections::HashMap;
 
@@ -16,8 +17,8 @@ pub enum Place {
     Corner(usize),
     /// So far from `from` to `to`, corners.
     Edge { from: usize, to: usize, t: f64 },
-    /// Within, by the weights of the second and third corner.
-    Inside([f64; 2]),
+    /// Within, by the weights of the corners.
+    Inside([f64; 3]),
 }
 
 /// The solid part of a triangle.
@@ -42,15 +43,23 @@ impl HasPosition for Point {
 }
 
 /// Points as they are met.
-#[derive(Default)]
 pub struct Points {
     list: Vec<Point>,
     of: HashMap<[u64; 2], u32>,
+    scale: [f64; 2],
 }
 
 impl Points {
+    /// For a triangle whose edges at the first corner are about so long, in any unit.
+    pub fn new(lengths: [f64; 2]) -> Self {
+        // To a power of two.
+        let scale = lengths.map(|l| f64::from_bits(l.max(1.0).to_bits() >> 52 << 52));
+        Points { list: Vec::new(), of: HashMap::new(), scale }
+    }
+
     fn add(&mut self, place: Place, x: f64, y: f64) -> u32 {
         let list = &mut self.list;
+        let [x, y] = [x * self.scale[0], y * self.scale[1]];
         *self.of.entry([x, y].map(f64::to_bits)).or_insert_with(|| {
             list.push(Point { position: Point2::new(x, y), place });
             list.len() as u32 - 1
@@ -77,23 +86,29 @@ impl Points {
         let x = step(weights[0]);
         let y = step(weights[1]).min(STEPS - 1.0 - x);
         let at = [x / STEPS, y / STEPS];
-        self.add(Place::Inside(at), at[0], at[1])
+        self.add(Place::Inside(weighted(at)), at[0], at[1])
     }
+}
+
+/// With the weight of the first corner.
+fn weighted([second, third]: [f64; 2]) -> [f64; 3] {
+    [1.0 - second - third, second, third]
 }
 
 /// The solid part: `rim` is the way around the triangle, each point with whether it is solid from there to the next;
 /// `chords` have solid on their left.
 pub fn triangulate(points: Points, rim: &[(u32, bool)], chords: &[[u32; 2]]) -> Pieces {
     let vertex = |i: u32| FixedVertexHandle::from_index(i as usize);
-    // Every coordinate is 0 or between 2^-44 and 1, and no two points are alike: nothing is refused.
+    // Every coordinate is 0 or between 2^-44 and 2^64, and no two points are alike: nothing is refused.
+    let scale = points.scale;
     let Ok(mut mesh) = ConstrainedDelaunayTriangulation::<Point>::bulk_load_cdt(points.list, Vec::new()) else {
         return Pieces::default();
     };
     let whole = mesh.num_vertices();
-    let mut parts: Vec<Vec<FixedDirectedEdgeHandle>> = chords.iter().map(|c| constrain(&mut mesh, *c)).collect();
+    let mut parts: Vec<Vec<FixedDirectedEdgeHandle>> = chords.iter().map(|c| constrain(&mut mesh, *c, scale)).collect();
     if mesh.num_vertices() > whole {
         // What was split later is found again.
-        parts = chords.iter().map(|c| constrain(&mut mesh, *c)).collect();
+        parts = chords.iter().map(|c| constrain(&mut mesh, *c, scale)).collect();
     }
     // How often an edge is a chord in its direction; chords there and back are none.
     let mut count = vec![0i32; mesh.num_directed_edges()];
@@ -130,7 +145,11 @@ pub fn triangulate(points: Points, rim: &[(u32, bool)], chords: &[[u32; 2]]) -> 
 }
 
 /// Edges along a chord. Chords that cross, as rounding and joining may bring about, get a point there.
-fn constrain(mesh: &mut ConstrainedDelaunayTriangulation<Point>, chord: [u32; 2]) -> Vec<FixedDirectedEdgeHandle> {
+fn constrain(
+    mesh: &mut ConstrainedDelaunayTriangulation<Point>,
+    chord: [u32; 2],
+    scale: [f64; 2],
+) -> Vec<FixedDirectedEdgeHandle> {
     let [from, to] = chord.map(|i| FixedVertexHandle::from_index(i as usize));
     if from == to {
         return Vec::new();
@@ -140,7 +159,7 @@ fn constrain(mesh: &mut ConstrainedDelaunayTriangulation<Point>, chord: [u32; 2]
         return edges;
     }
     mesh.add_constraint_and_split(from, to, |position| Point {
-        place: Place::Inside([position.x, position.y]),
+        place: Place::Inside(weighted([position.x / scale[0], position.y / scale[1]])),
         position,
     })
 }
