@@ -70,6 +70,8 @@ enum Suite {
     Query,
     /// Wrong receivers against ray casting, and those of plain shadow maps at their best bias
     Accuracy,
+    /// Time of CRCs and structure checks, and what opening reads
+    Check,
     /// One bake in a process of its own
     #[value(hide = true)]
     OneBake,
@@ -118,6 +120,7 @@ fn run(args: &Args) -> Result<(), Failure> {
         Suite::Bake => suite::bake::run(args)?,
         Suite::Query => suite::query::run(args)?,
         Suite::Accuracy => suite::accuracy::run(args)?,
+        Suite::Check => suite::check::run(args)?,
         Suite::OneBake => return suite::bake::one(args),
     };
     report.show(args.json);

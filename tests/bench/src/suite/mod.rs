@@ -2,5 +2,6 @@
 
 pub mod accuracy;
 pub mod bake;
+pub mod check;
 pub mod query;
 pub mod size;
