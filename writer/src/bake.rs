@@ -19,7 +19,7 @@ use crate::mesh::Mesh;
 use crate::solid::{self, Components, Policy, SnappedMesh, SolidError};
 
 /// Changes whenever the same input would give other bytes.
-const GENERATOR: u32 = 1;
+const GENERATOR: u32 = 2;
 
 /// Bytes of pages that a bake without a budget holds in memory before it puts them aside.
 const SPOOL: u64 = 64 << 20;
@@ -175,7 +175,7 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
                 },
             )?;
         seconds.build += start.elapsed().as_secs_f64();
-        let record = structure(mesh, light, options, &snapped, &tree);
+        let record = structure(mesh, light, options, &snapped, &tree)?;
         let report = LightReport {
             name: light.name.clone(),
             counts: tree.counts,
@@ -294,7 +294,15 @@ pub fn policy_of(record: &StructureRecord) -> Option<Policy> {
     }
 }
 
-fn structure(mesh: &Mesh, light: &Light, options: &BakeOptions, snapped: &SnappedMesh, tree: &Tree) -> StructureRecord {
+fn structure(
+    mesh: &Mesh,
+    light: &Light,
+    options: &BakeOptions,
+    snapped: &SnappedMesh,
+    tree: &Tree,
+) -> Result<StructureRecord, FrameError> {
+    // A unit vector for directions of any length.
+    let [_, _, direction] = frame::axes(light.direction)?;
     let mut bound = [0.0f64; 3];
     for p in &mesh.positions {
         for i in 0..3 {
@@ -303,13 +311,12 @@ fn structure(mesh: &Mesh, light: &Light, options: &BakeOptions, snapped: &Snappe
     }
     let error = frame::transform_error(&snapped.lattice, bound);
     let (policy, parameter) = policy_code(options.policy);
-    let length = frame::dot(light.direction, light.direction).sqrt();
     let mut r = StructureRecord::zeroed();
     r.set_name(&light.name);
     r.set_lattice(&snapped.lattice);
     r.kind = (Kind::Mh as u32).into();
     r.projection = ORTHOGRAPHIC.into();
-    r.light_direction = light.direction.map(|c| (c / length).into());
+    r.light_direction = direction.map(f64::into);
     r.snap_displacement = snapped.displacement.into();
     r.transform_error = error.into();
     r.depth_guard = (error.ceil().min(4294967295.0) as u32).into();
@@ -321,7 +328,7 @@ fn structure(mesh: &Mesh, light: &Light, options: &BakeOptions, snapped: &Snappe
     r.triangles = (mesh.triangles.len() as u64).into();
     r.root_count = 1.into();
     r.page_count = tree.spool.len().into();
-    r
+    Ok(r)
 }
 
 fn input(page: Page, root: bool) -> PageInput {
