@@ -1,6 +1,7 @@
 //! Tests of the workspace as a whole, in one binary.
 
 mod cli;
+mod flips;
 mod golden;
 mod intervals;
 mod losing;
