@@ -25,6 +25,10 @@ NO_STRUCTURE = UNCOVERED = 0xFFFFFFFF
 STRUCTURES, INDEX, PAGES = 1, 2, 3
 KINDS = {1: "mh", 2: "mmh", 3: "vector", 4: "mh-stack", 5: "mmh-stack", 6: "stack", 7: "quads"}
 MH, MASKED_KINDS = 1, (1, 2, 3)
+# guarantee of each policy, and the policies that have a parameter
+POLICIES, WITH_PARAMETER = {1: 1, 2: 1, 3: 1, 4: 2, 5: 1, 6: 3, 7: 4, 8: 3}, (3,)
+GUARANTEES = (1, 2, 3, 4)
+LIGHT_TOLERANCE, LEAST_DETERMINANT = 2.0**-20, 2.0**-40
 NONE, LEAF, INNER, EMPTY = range(4)
 NODE_WORDS = (0, 1, 2, 1)
 LIMITS = {"sections": 1 << 16, "structures": 1 << 14, "pages": 1 << 24, "page-bytes": 1 << 16, "allocation": 8 << 30}
@@ -69,6 +73,13 @@ def need(good, rule, where, detail=""):
 
 def align(n, a):
     return (n + a - 1) // a * a
+
+
+def determinant(rows):
+    """Of the linear part of a map, each row divided by its largest component."""
+    a, b, c = ([v / (max(map(abs, row[:3])) or 1.0) for v in row[:3]] for row in rows)
+    minor = lambda i, j: b[i] * c[j] - b[j] * c[i]  # noqa: E731
+    return (a[0] * minor(1, 2) - a[1] * minor(0, 2)) + a[2] * minor(0, 1)
 
 
 def bound_crc(file_id, numbers, data):
@@ -329,9 +340,9 @@ class Structure:
         need(self.name and "\0" not in self.name, "structure.name", at)
         need(self.kind in KINDS, "structure.kind", at, self.kind)
         need(self.projection == 1, "structure.projection", at, self.projection)
-        need(1 <= self.policy <= 8, "structure.policy", at, self.policy)
-        guarantees = {6: (3,), 7: (4,), 8: (3,)}.get(self.policy, (1, 2))
-        need(self.guarantee in guarantees, "structure.guarantee", at, self.guarantee)
+        need(self.policy in POLICIES, "structure.policy", at, self.policy)
+        need(self.guarantee in GUARANTEES, "structure.guarantee", at, self.guarantee)
+        need(self.guarantee == POLICIES[self.policy], "structure.promise", at, self.guarantee)
         need(1 <= self.root_count <= 65535, "structure.roots", at, self.root_count)
         need(self.page_count >= self.root_count + self.shared_pages, "structure.pages", at, self.page_count)
         need(12 <= self.index_block_log2 <= 16, "structure.block", at, self.index_block_log2)
@@ -341,13 +352,21 @@ class Structure:
         need(self.log2_resolution <= 24, "structure.resolution", at, self.log2_resolution)
         need(self.subtexel_bits <= 48 - self.log2_resolution, "structure.resolution", at, self.subtexel_bits)
         need(all(map(math.isfinite, numbers)), "structure.number", at)
+        found = determinant([numbers[i : i + 4] for i in (0, 4, 8)])
+        need(abs(found) >= LEAST_DETERMINANT, "structure.transform", at, found)
+        x, y, z = numbers[12:15]
+        squared = (x * x + y * y) + z * z
+        need(abs(squared - 1) <= LIGHT_TOLERANCE, "structure.light", at, squared)
+        parameter = numbers[17]
+        good = parameter > 0 if self.policy in WITH_PARAMETER else parameter == 0
+        need(good, "structure.parameter", at, parameter)
         need(not any(reserved0) and not any(reserved1), "structure.reserved", at)
         self.root_bytes = root_page
         self.root_page = Page._make(PAGE.unpack(root_page))
         self.tree_pages = self.page_count - self.shared_pages
         self.block_count = -(-self.page_count // self.records_per_block)
         self.first, self.end = pages.offset, pages.offset + pages.length
-        self.ends = {}
+        self.ends, self.node_counts = {}, {}
         self.blocks, self.pages = collections.OrderedDict(), collections.OrderedDict()
 
     def check_record(self, r, ordinal):
@@ -365,8 +384,9 @@ class Structure:
         need(ordinal != self.page_count - 1 or end == self.end, "index.offset", at, r.offset)
         need(r.dep_count <= 256, "index.dependency", at, r.dep_count)
         if shared:
-            nothing = (r.origin_x, r.origin_y, r.max_depth, r.origin_l, r.root, r.min_depth)
-            need(nothing == (0, 0, 0, 0, 0, UNCOVERED), "index.shared", at)
+            nothing = (r.origin_x, r.origin_y, r.max_depth, r.stop_error, r.origin_l, r.root)
+            sizes = (r.log2_x, r.log2_y, r.log2_l)
+            need(not any(nothing + sizes) and r.min_depth == UNCOVERED, "index.shared", at)
             need(r.child_count == 0 and r.first_child == 0, "index.children", at, r.first_child)
         else:
             need(r.root < self.root_count, "index.root", at, r.root)
@@ -461,16 +481,19 @@ class Structure:
         need(child_refs == r.child_count, "page.children", at, child_refs)
         need(words[1] & 0xFFFF == r.hot_words, "page.length", at, words[1] & 0xFFFF)
         need(words[1] >> 16 & 255 == r.level_coarsest, "page.level", at, words[1] >> 16 & 255)
+        need(not flat or r.level_coarsest == 0, "page.level", at, r.level_coarsest)
         need(words[1] >> 24 == 0, "page.flags", at, words[1] >> 24)
         need(root_mask == 0 or (self.kind in MASKED_KINDS and not flat), "page.flags", at, root_mask)
         if self.kind != MH:
             return None
-        self.check_mh(words, r, ordinal, at)
+        counted = self.check_mh(words, r, ordinal, at)
+        if whole:
+            self.node_counts[ordinal] = counted
         keep(self.pages, ordinal, words, 64)
         return words
 
     def check_mh(self, words, r, ordinal, at):
-        """The rules of kind mh for one page."""
+        """The rules of kind mh for one page; its leaf, inner and empty nodes."""
         root_mask, child_refs, root_level = words[0] >> 8 & 255, words[0] >> 16, words[1] >> 16 & 255
         is_root = ordinal < self.root_count
         need(r.page_type == 0 and r.dep_count == 0, "mh.plain", at, r.page_type)
@@ -480,8 +503,10 @@ class Structure:
             good = root_mask != 0 and root_level < self.log2_resolution
         need(good, "mh.root", at, f"mask {root_mask:#x}, level {root_level}")
         side = root_level if is_root else root_level + 1
-        need((r.log2_x, r.log2_y, r.log2_l) == (side, side, 0), "mh.footprint", at, f"2^{r.log2_x}")
+        good = (r.log2_x, r.log2_y, r.log2_l, r.origin_l) == (side, side, 0, 0)
+        need(good, "mh.footprint", at, f"2^{r.log2_x}, light {r.origin_l}")
         taken, referred = bytearray(len(words)), set()
+        counted = [0, 0, 0, 0]
         finest, values = root_level, []
         groups = [(2, root_mask, root_level)]
         while groups:
@@ -493,6 +518,7 @@ class Structure:
                     need(w < len(words), "mh.bounds", at, f"word {w}")
                     need(not taken[w], "mh.overlap", at, f"word {w}")
                     taken[w] = 1
+                counted[kind] += 1
                 node, start = start, start + NODE_WORDS[kind]
                 if kind in (LEAF, INNER):
                     values.append(words[start - 1])
@@ -512,28 +538,45 @@ class Structure:
         need(len(referred) == child_refs, "mh.reference", at, f"{len(referred)} of {child_refs}")
         need(finest == r.level_finest, "mh.levels", at, finest)
         need(not values or (r.min_depth <= min(values) and max(values) <= r.max_depth), "mh.values", at)
+        return counted[1:]
 
-    def links(self, words, r):
-        """What nodes of this page say of each child page: (root_mask, root_level, origin_x, origin_y, root)."""
+    def links(self, words, r, above):
+        """What this page says of each child page: its frame and footprint, its root, the depths of this page, and the
+        value that holds above it, None where that is not known. `above` is the value that holds above this page."""
         said = [None] * (words[0] >> 16)
-        groups = [(2, words[0] >> 8 & 255, words[1] >> 16 & 255, r.origin_x, r.origin_y)]
+        groups = [(2, words[0] >> 8 & 255, words[1] >> 16 & 255, r.origin_x, r.origin_y, above)]
         while groups:
-            start, mask, level, x, y = groups.pop()
+            start, mask, level, x, y, above = groups.pop()
             for c in range(4):
                 kind = mask >> 2 * c & 3
                 if kind in (INNER, EMPTY):
                     word = words[start]
                     link = (word & 255, level - 1, x + ((c & 1) << level), y + ((c >> 1) << level))
+                    value = words[start + 1] if kind == INNER else above
                     if word >> 8 & 1:
-                        said[word >> 16] = (*link, r.root)
+                        said[word >> 16] = ((*link, r.root), (r.min_depth, r.max_depth), value)
                     else:
-                        groups.append((word >> 16, *link))
+                        groups.append((word >> 16, *link, value))
                 start += NODE_WORDS[kind]
         return said
+
+    @staticmethod
+    def check_link(announced, words, r, at):
+        """A page against what its parent says of it."""
+        link, (lowest, highest), above = announced
+        mask = words[0] >> 8 & 255
+        found = (mask, words[1] >> 16 & 255, r.origin_x, r.origin_y, r.root)
+        need(found == link, "mh.link", at, f"{found}, the parent says {link}")
+        within = f"{r.min_depth} to {r.max_depth}"
+        good = lowest <= r.min_depth and r.max_depth <= highest
+        need(good, "mh.depths", at, f"{within}, the parent's are {lowest} to {highest}")
+        if above is not None and any(mask >> 2 * c & 3 in (NONE, EMPTY) for c in range(4)):
+            need(r.min_depth <= above <= r.max_depth, "mh.depths", at, f"{within}, it inherits {above}")
 
     def verify(self, report, summary):
         self.blocks.clear()
         said, end, whole = collections.deque(), None, True
+        nodes = [0, 0, 0] if self.kind == MH else None
         self.ends = {}
         for ordinal in range(self.page_count):
             at = f"page {ordinal} of structure {self.number}"
@@ -548,7 +591,7 @@ class Structure:
                     report(e)
                     whole = False
             if not whole:
-                said = end = None
+                said = end = nodes = None
                 continue
             r = self.record(ordinal)
             if end is not None and not self.container.zero(end, r.offset):
@@ -564,12 +607,18 @@ class Structure:
                 words = None
             else:
                 summary["unsupported"] += words is None
+            counted = self.node_counts.pop(ordinal, None)
+            nodes = [a + b for a, b in zip(nodes, counted)] if nodes and counted else None
             if said is not None:
-                said.extend(self.links(words, r) if words else [None] * r.child_count)
+                above = announced[2] if announced else None
+                said.extend(self.links(words, r, above) if words else [None] * r.child_count)
             if words and announced:
-                found = (words[0] >> 8 & 255, words[1] >> 16 & 255, r.origin_x, r.origin_y, r.root)
-                if found != announced:
-                    report(Broken("mh.link", at, f"{found}, the parent says {announced}"))
+                try:
+                    self.check_link(announced, words, r, at)
+                except Broken as e:
+                    report(e)
+        if nodes is not None and nodes != list(self.counts[2:5]):
+            report(Broken("structure.nodes", self.where, f"{self.counts[2:5]} stated, {tuple(nodes)} found"))
 
     def lookup(self, x, y, level, root=0):
         """(value, level of the node, page, word) at texel (x, y) of level 0."""

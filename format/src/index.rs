@@ -42,7 +42,7 @@ pub const FORM_MASK: u8 = 0x0F;
 pub const FORM_TREE: u8 = 0;
 /// Form of a flat payload: a list or a table.
 pub const FORM_FLAT: u8 = 1;
-/// Bit of [`PageRecord::page_type`]: a shared page, which has neither footprint nor depths of its own.
+/// Bit of [`PageRecord::page_type`]: a shared page, which has neither footprint, depths nor stop error of its own.
 pub const SHARED: u8 = 0x10;
 
 record! {
@@ -299,10 +299,11 @@ pub fn check_record(r: &PageRecord, ordinal: u32, at: u64, cx: &IndexContext<'_>
     }
     within(Rule::IndexDependency, 56, 0, MAX_DEPENDENCIES.into(), r.dep_count.get().into())?;
     if shared {
-        let none =
-            [r.origin_x.get(), r.origin_y.get(), r.max_depth.get(), r.origin_l.get().into(), r.root.get().into()];
-        if none.iter().any(|&v| v != 0) || r.min_depth.get() != u32::MAX {
-            return fault(Rule::IndexShared, 24, Value::Text("no footprint, no depths"), Value::Text("one"));
+        let words = [r.origin_x, r.origin_y, r.max_depth, r.stop_error].map(|v| v.get());
+        let rest = [r.origin_l.get(), r.root.get(), r.log2_x.into(), r.log2_y.into(), r.log2_l.into()];
+        if words.iter().any(|&v| v != 0) || rest.iter().any(|&v| v != 0) || r.min_depth.get() != u32::MAX {
+            let expected = Value::Text("no footprint, no depths, no stop error");
+            return fault(Rule::IndexShared, 24, expected, Value::Text("one"));
         }
         within(Rule::IndexChildren, 48, 0, 0, r.child_count.get().into())?;
         within(Rule::IndexChildren, 20, 0, 0, r.first_child.get().into())?;

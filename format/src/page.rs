@@ -115,6 +115,9 @@ pub fn check_frame(page: &[u32], cx: &PageContext<'_>) -> Result<FrameHead, Form
     equal(Rule::PageChildren, 0, cx.page.child_count.get().into(), head.child_refs.into())?;
     equal(Rule::PageLength, 1, hot as u64, head.words.into())?;
     equal(Rule::PageLevel, 1, cx.page.level_coarsest.into(), head.root_level.into())?;
+    if flat {
+        equal(Rule::PageLevel, 1, 0, head.root_level.into())?;
+    }
     equal(Rule::PageFlags, 1, 0, page.get(1).map_or(0, |w| u64::from(w >> 24)))?;
     let masked = cx.record.kind().is_some_and(Kind::has_frame_mask) && !flat;
     if head.root_mask != 0 && !masked {

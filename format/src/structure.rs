@@ -38,6 +38,50 @@ pub const LAYERS_CLOSED: u32 = 6;
 pub const LAYERS_SECOND_SURFACE: u32 = 7;
 /// [`StructureRecord::policy`]: a layer of first depth alone.
 pub const LAYERS_ONE_SIDED: u32 = 8;
+
+/// A code of the registry that [`StructureRecord::guarantee`] may have, and its name.
+pub const GUARANTEES: &[(u32, &str)] = &[
+    (EVERYWHERE, "everywhere"),
+    (STATIC_SURFACES_ONLY, "static surfaces only"),
+    (CENTRES, "texel centres"),
+    (STATIC_CENTRES, "texel centres, static surfaces only"),
+];
+
+/// What a code in [`StructureRecord::policy`] stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PolicyRow {
+    /// The code.
+    pub code: u32,
+    /// Its name.
+    pub name: &'static str,
+    /// The guarantee of every structure of this policy.
+    pub guarantee: u32,
+    /// Whether `policy_parameter` is above 0; it is 0 otherwise.
+    pub has_parameter: bool,
+}
+
+/// The policies of the registry by rising code, from 1 on.
+pub const POLICIES: &[PolicyRow] = &[
+    PolicyRow { code: 1, name: "closed", guarantee: EVERYWHERE, has_parameter: false },
+    PolicyRow { code: 2, name: "one-sided", guarantee: EVERYWHERE, has_parameter: false },
+    PolicyRow { code: 3, name: "thickness", guarantee: EVERYWHERE, has_parameter: true },
+    PolicyRow { code: 4, name: "second-surface", guarantee: STATIC_SURFACES_ONLY, has_parameter: false },
+    PolicyRow { code: 5, name: "auto", guarantee: EVERYWHERE, has_parameter: false },
+    PolicyRow { code: LAYERS_CLOSED, name: "layers, closed", guarantee: CENTRES, has_parameter: false },
+    PolicyRow {
+        code: LAYERS_SECOND_SURFACE,
+        name: "layers, second-surface",
+        guarantee: STATIC_CENTRES,
+        has_parameter: false,
+    },
+    PolicyRow { code: LAYERS_ONE_SIDED, name: "layers, one-sided", guarantee: CENTRES, has_parameter: false },
+];
+
+/// Largest distance of the squared length of `light_direction` from 1: a direction that went through f32 passes.
+pub const LIGHT_TOLERANCE: f64 = 1.0 / (1u64 << 20) as f64;
+/// Least magnitude of the determinant of `world_to_lattice`, its rows divided by their largest component.
+pub const LEAST_DETERMINANT: f64 = 1.0 / (1u64 << 40) as f64;
+
 /// Largest `log2_resolution`.
 pub const MAX_LOG2_RESOLUTION: u8 = 24;
 /// Largest `log2_resolution + subtexel_bits`: lattice coordinates stay below `1 << 48`.
@@ -58,7 +102,7 @@ record! {
         184 => snap_displacement: F64;
         /// Bound of the error of the world-to-lattice transform, lattice units of depth.
         192 => transform_error: F64;
-        /// Parameter of the policy, 0 where it has none.
+        /// Parameter of the policy, above 0; 0 where it has none.
         200 => policy_parameter: F64;
         /// Texels whose area interval is empty, so that the interval of the centre holds.
         208 => edge_texels: U64;
@@ -145,13 +189,17 @@ impl StructureRecord {
             return fault(Rule::StructureKind, 256, Value::Between(1, 7), Value::Number(self.kind.get().into()));
         }
         within(Rule::StructureProjection, 260, 1, 1, self.projection.get().into())?;
-        within(Rule::StructurePolicy, 264, 1, LAYERS_ONE_SIDED.into(), self.policy.get().into())?;
-        let (least, most) = match self.policy.get() {
-            LAYERS_CLOSED | LAYERS_ONE_SIDED => (CENTRES, CENTRES),
-            LAYERS_SECOND_SURFACE => (STATIC_CENTRES, STATIC_CENTRES),
-            _ => (EVERYWHERE, STATIC_SURFACES_ONLY),
+        let Some(policy) = POLICIES.iter().find(|p| p.code == self.policy.get()) else {
+            let expected = Value::Between(1, POLICIES.len() as u64);
+            return fault(Rule::StructurePolicy, 264, expected, Value::Number(self.policy.get().into()));
         };
-        within(Rule::StructureGuarantee, 268, least.into(), most.into(), self.guarantee.get().into())?;
+        let guarantee = self.guarantee.get();
+        if GUARANTEES.iter().all(|g| g.0 != guarantee) {
+            let expected = Value::Between(1, GUARANTEES.len() as u64);
+            return fault(Rule::StructureGuarantee, 268, expected, Value::Number(guarantee.into()));
+        }
+        let promised = policy.guarantee.into();
+        within(Rule::StructurePromise, 268, promised, promised, guarantee.into())?;
         within(Rule::StructureRoots, 272, 1, u64::from(u16::MAX), self.root_count.get().into())?;
         let fewest = u64::from(self.root_count.get()) + u64::from(self.shared_pages.get());
         within(Rule::StructurePages, 276, fewest, u64::from(u32::MAX), self.page_count.get().into())?;
@@ -174,6 +222,21 @@ impl StructureRecord {
                 Value::Text("a finite number"),
                 Value::Text("infinite or NaN"),
             );
+        }
+        if !invertible(&self.lattice().world_to_lattice) {
+            let (expected, found) = (Value::Text("a map that can be inverted"), Value::Text("a singular one"));
+            return fault(Rule::StructureTransform, 64, expected, found);
+        }
+        let [x, y, z] = self.light_direction.map(|c| c.get());
+        let squared = (x * x + y * y) + z * z;
+        if (squared - 1.0).abs() > LIGHT_TOLERANCE {
+            return fault(Rule::StructureLight, 160, Value::Text("a unit vector"), Value::Text("another length"));
+        }
+        let parameter = self.policy_parameter.get();
+        let fits = if policy.has_parameter { parameter > 0.0 } else { parameter == 0.0 };
+        if !fits {
+            let expected = Value::Text(if policy.has_parameter { "a number above 0" } else { "0" });
+            return fault(Rule::StructureParameter, 200, expected, Value::Text("another number"));
         }
         if let Some((at, byte)) = reserved_fault(self.as_bytes(), Self::RECORD.fields) {
             return fault(Rule::StructureReserved, at, Value::Number(0), Value::Number(byte.into()));
@@ -272,5 +335,45 @@ impl StructureRecord {
     /// Pages that belong to the tree: all but the shared ones.
     pub fn tree_pages(&self) -> u32 {
         self.page_count.get().saturating_sub(self.shared_pages.get())
+    }
+}
+
+/// Whether the linear part of a map of finite numbers has an inverse that is worth something. The order of operations
+/// is part of the format, so that every reader decides alike.
+fn invertible(rows: &[[f64; 4]; 3]) -> bool {
+    let [a, b, c] = rows.map(|[x, y, z, _]| {
+        let largest = x.abs().max(y.abs()).max(z.abs());
+        // A row of zeros stays one.
+        let by = if largest > 0.0 { largest } else { 1.0 };
+        [x / by, y / by, z / by]
+    });
+    let minor = |i: usize, j: usize| match (b.get(i), b.get(j), c.get(i), c.get(j)) {
+        (Some(bi), Some(bj), Some(ci), Some(cj)) => bi * cj - bj * ci,
+        _ => 0.0,
+    };
+    let [x, y, z] = a;
+    let determinant = (x * minor(1, 2) - y * minor(0, 2)) + z * minor(0, 1);
+    determinant.abs() >= LEAST_DETERMINANT
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_of_policies_and_guarantees_rise_from_1() {
+        assert!(POLICIES.iter().zip(1..).all(|(p, code)| p.code == code));
+        assert!(GUARANTEES.iter().zip(1..).all(|(g, code)| g.0 == code));
+        assert!(POLICIES.iter().all(|p| GUARANTEES.iter().any(|g| g.0 == p.guarantee)));
+    }
+
+    #[test]
+    fn maps_of_any_scale_can_be_inverted_and_flat_ones_cannot() {
+        for scale in [1e-300, 1e-30, 1.0, 1e300, f64::MIN_POSITIVE] {
+            assert!(invertible(&[[scale, 0.0, 0.0, 9.0], [0.0, 0.0, -scale, 0.0], [scale, scale, 0.0, 0.0]]));
+            assert!(!invertible(&[[scale, 0.0, 0.0, 9.0], [0.0, 0.0, 0.0, 1.0], [scale, scale, 0.0, 0.0]]));
+        }
+        // Rows in one plane, up to rounding.
+        assert!(!invertible(&[[0.1, 0.2, 0.3, 0.0], [0.4, 0.5, 0.6, 0.0], [0.7, 0.8, 0.9, 0.0]]));
     }
 }

@@ -3,7 +3,7 @@
 //! A map of 4 x 4 texels: the root (value 100) has a leaf (50), an inner node (60) with two texels (1, 2), and an empty
 //! node whose texels lie in a child page.
 
-use umbrage_format::kind::mh::{Children, Mask, Node, NodeType, PageCounts, check, links};
+use umbrage_format::kind::mh::{Children, Link, Mask, Node, NodeType, PageCounts, check, check_link, links};
 use umbrage_format::page::{FrameHead, PageContext, check_frame};
 use umbrage_format::{Kind, PageRecord, StructureRecord};
 
@@ -61,8 +61,11 @@ fn the_words_are_as_the_layout_says() {
     assert_eq!(head.encode(), sample.words[..2]);
     let cx = PageContext { structure: 0, ordinal: 0, page: &sample.page, record: &sample.record };
     let mut seen = Vec::new();
-    links(&sample.words, &head, &cx, |child, link| seen.push((child, link.mask, link.level, link.x, link.y)));
-    assert_eq!(seen, [(0, Mask::new([Leaf, Leaf, No, No]), 0, 0, 2)]);
+    links(&sample.words, &head, &cx, None, |child, link| seen.push((child, link)));
+    let mask = Mask::new([Leaf, Leaf, No, No]);
+    // Through the empty node from the root node.
+    let inherited = Some(100);
+    assert_eq!(seen, [(0, Link { root: 0, depths: (1, 100), inherited, mask, level: 0, x: 0, y: 2 })]);
 }
 
 #[test]
@@ -82,6 +85,8 @@ fn every_breach_is_named() {
         ("mh.root", Box::new(word(0, 0x0001_0301))),
         ("mh.root", Box::new(|s| s.record.log2_resolution = 3)),
         ("mh.footprint", Box::new(|s| s.page.log2_x = 1)),
+        ("mh.footprint", Box::new(|s| s.page.log2_l = 1)),
+        ("mh.footprint", Box::new(|s| s.page.origin_l = 1.into())),
         ("mh.bounds", Box::new(word(5, node([Leaf, No, No, Leaf], Children::Here(9))))),
         ("mh.bounds", Box::new(word(5, node([Leaf, No, No, Leaf], Children::Here(u16::MAX))))),
         ("mh.overlap", Box::new(word(5, node([Leaf, No, No, Leaf], Children::Here(6))))),
@@ -109,4 +114,33 @@ fn a_child_that_no_node_refers_to_is_found() {
     sample.words[0] = 0x0002_0201;
     sample.page.child_count = 2.into();
     assert_eq!(sample.check(), Err("mh.reference"));
+}
+
+/// The child page that the sample refers to, and every way in which its depths may lie.
+#[test]
+fn depths_of_a_child_page_hold_what_it_can_answer() {
+    let sample = Sample::new();
+    let link =
+        |types, inherited| Link { root: 0, depths: (1, 100), inherited, mask: Mask::new(types), level: 0, x: 0, y: 2 };
+    let rule = |link: Link, min: u32, max: u32| {
+        let mut page = sample.page;
+        (page.origin_y, page.min_depth, page.max_depth) = (2.into(), min.into(), max.into());
+        let root_mask = link.mask.0;
+        let head = FrameHead { tag: 1, root_mask, child_refs: 0, words: 4, root_level: 0 };
+        let cx = PageContext { structure: 0, ordinal: 1, page: &page, record: &sample.record };
+        check_link(&link, &head, &cx).err().map(|e| e.rule.id())
+    };
+    let full = [Leaf, Leaf, Inner, Leaf];
+    for types in [[Leaf, Leaf, No, Leaf], [Empty, Leaf, Inner, Leaf], full] {
+        let inherits = if types == full { None } else { Some("mh.depths") };
+        assert_eq!(rule(link(types, Some(60)), 1, 100), None);
+        assert_eq!(rule(link(types, Some(60)), 60, 60), None);
+        assert_eq!(rule(link(types, Some(60)), 61, 100), inherits);
+        assert_eq!(rule(link(types, Some(60)), 1, 59), inherits);
+        // Where the value is not known, it is not held against the page.
+        assert_eq!(rule(link(types, None), 1, 59), None);
+        assert_eq!(rule(link(types, Some(60)), 0, 100), Some("mh.depths"));
+        assert_eq!(rule(link(types, Some(60)), 1, 101), Some("mh.depths"));
+    }
+    assert_eq!(rule(Link { root: 1, ..link(full, None) }, 0, 100), Some("mh.link"));
 }

@@ -11,7 +11,7 @@
     clippy::cast_possible_truncation
 )]
 
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use umbrage_format::index::{IndexBlock, IndexContext, check_follows};
 use umbrage_format::projection::Lattice;
@@ -38,9 +38,12 @@ pub(crate) struct StructureState {
     pub(crate) pages_end: u64,
     /// Made when the first block is kept: its length comes from the file.
     blocks: OnceLock<Box<[OnceLock<Block>]>>,
+    /// Held while a block is checked against its neighbours and stored.
+    storing: Mutex<()>,
 }
 
-/// An index block that has been checked.
+/// An index block that has been checked alone.
+#[derive(Clone)]
 struct Block {
     records: Box<[PageRecord]>,
     /// For each record, in order, the dependencies one behind the other.
@@ -56,6 +59,7 @@ impl StructureState {
             pages_offset: pages.offset.get(),
             pages_end: pages.end(),
             blocks: OnceLock::new(),
+            storing: Mutex::new(()),
         }
     }
 
@@ -81,27 +85,42 @@ impl StructureState {
         let cx = self.context(&shared.header);
         let block = IndexBlock::check(bytes, number, &cx)?;
         let records: Box<[PageRecord]> = block.records().into();
-        let at = self.index_offset + u64::from(number) * self.record.block_bytes() + BlockHeader::BYTES as u64;
         if number == 0 && records.first() != Some(&self.record.root_page) {
             let (expected, found) = (Value::Text("the record in the structure's"), Value::Text("another"));
-            return Err(FormatError::new(Rule::StructureRoot, Place::Index(self.number), at, expected, found));
+            let (place, at) = (Place::Index(self.number), self.first_record(number));
+            return Err(FormatError::new(Rule::StructureRoot, place, at, expected, found));
         }
+        let dependencies = records.iter().flat_map(|r| block.dependencies(r)).map(|d| d.get()).collect();
+        self.store(number, Block { records, dependencies }, &cx)?;
+        Counts::add(&shared.counts.blocks, 1);
+        Ok(())
+    }
+
+    /// First byte in the file of a block's first record.
+    fn first_record(&self, number: u32) -> u64 {
+        self.index_offset + u64::from(number) * self.record.block_bytes() + BlockHeader::BYTES as u64
+    }
+
+    /// Keeps a block if it meets the kept blocks before and behind it. Under a lock: of two threads that bring
+    /// neighbours at the same moment, the second must see the block of the first.
+    fn store(&self, number: u32, block: Block, cx: &IndexContext<'_>) -> Result<(), FormatError> {
+        let _alone = self.storing.lock().unwrap_or_else(PoisonError::into_inner);
+        let at = self.first_record(number);
+        let ordinal = number.saturating_mul(self.record.records_per_block.get().into());
         let kept = |number: Option<u32>| self.blocks().get(number? as usize)?.get();
         let before = kept(number.checked_sub(1)).and_then(|b| b.records.last());
-        if let (Some(before), Some(first)) = (before, records.first()) {
-            check_follows(before, first, block.first_ordinal(), at, &cx)?;
+        if let (Some(before), Some(first)) = (before, block.records.first()) {
+            check_follows(before, first, ordinal, at, cx)?;
         }
         // Lookups touch blocks in any order: the one behind may have been first.
         let next = kept(number.checked_add(1)).and_then(|b| b.records.first());
-        if let (Some(last), Some(next)) = (records.last(), next) {
-            let ordinal = block.first_ordinal().saturating_add(u32::from(self.record.records_per_block.get()));
-            check_follows(last, next, ordinal, at + self.record.block_bytes(), &cx)?;
+        if let (Some(last), Some(next)) = (block.records.last(), next) {
+            let ordinal = ordinal.saturating_add(self.record.records_per_block.get().into());
+            check_follows(last, next, ordinal, at + self.record.block_bytes(), cx)?;
         }
-        let dependencies = records.iter().flat_map(|r| block.dependencies(r)).map(|d| d.get()).collect();
         if let Some(slot) = self.blocks().get(number as usize) {
             // Where another thread was faster, its block is the same.
-            let _ = slot.set(Block { records, dependencies });
-            Counts::add(&shared.counts.blocks, 1);
+            let _ = slot.set(block);
         }
         Ok(())
     }
@@ -252,5 +271,86 @@ impl Structure {
 impl std::fmt::Debug for Structure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Structure").field("file", &self.shared.file).field("name", &self.name()).finish()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+
+    /// Three blocks of one page each; the third does not begin where the second ends.
+    fn three() -> (StructureState, [Block; 3]) {
+        let mut record = StructureRecord::zeroed();
+        (record.root_count, record.page_count) = (1.into(), 3.into());
+        (record.records_per_block, record.index_block_log2) = (1.into(), 12);
+        let blocks = [(0u64, 1u32), (64, 3), (256, 3)].map(|(offset, first_child)| {
+            let mut page = PageRecord::zeroed();
+            (page.offset, page.first_child, page.hot_words) = (offset.into(), first_child.into(), 16.into());
+            page.child_count = if offset == 0 { 2 } else { 0 }.into();
+            Block { records: [page].into(), dependencies: [].into() }
+        });
+        (StructureState::new(0, record, &SectionRecord::zeroed(), &SectionRecord::zeroed()), blocks)
+    }
+
+    fn header() -> Header {
+        let mut header = Header::zeroed();
+        header.alignment_log2 = 6;
+        header
+    }
+
+    /// Both blocks have been read and checked alone before either is stored, as two threads may do it.
+    #[test]
+    fn of_neighbours_that_do_not_meet_only_the_first_is_kept() {
+        let header = header();
+        for order in [[1, 2], [2, 1]] {
+            let (state, blocks) = three();
+            let found = order.map(|n| state.store(n, blocks[n as usize].clone(), &state.context(&header)));
+            assert_eq!(found.map(|r| r.err().map(|e| e.rule)), [None, Some(Rule::IndexOffset)], "{order:?}");
+            let kept = order.map(|n| state.blocks()[n as usize].get().is_some());
+            assert_eq!(kept, [true, false]);
+        }
+        let (state, blocks) = three();
+        for n in [1, 0, 1] {
+            state.store(n, blocks[n as usize].clone(), &state.context(&header)).unwrap();
+        }
+    }
+
+    #[test]
+    fn of_neighbours_stored_at_once_one_is_kept() {
+        const ROUNDS: usize = 20_000;
+        let header = header();
+        let (_, blocks) = three();
+        let states: Vec<StructureState> = (0..ROUNDS).map(|_| three().0).collect();
+        let arrived = AtomicUsize::new(0);
+        let run = |n: u32| {
+            let mut refused = Vec::with_capacity(ROUNDS);
+            for (i, state) in states.iter().enumerate() {
+                let block = blocks[n as usize].clone();
+                let cx = state.context(&header);
+                // Made before, and no lock to wait at, so that both threads come to the neighbours together.
+                state.blocks();
+                arrived.fetch_add(1, Ordering::AcqRel);
+                let mut spins = 0u32;
+                while arrived.load(Ordering::Acquire) < 2 * (i + 1) {
+                    spins += 1;
+                    if spins.is_multiple_of(1000) {
+                        std::thread::yield_now();
+                    }
+                    std::hint::spin_loop();
+                }
+                refused.push(state.store(n, block, &cx).is_err());
+            }
+            refused
+        };
+        let (first, second) = std::thread::scope(|s| {
+            let other = s.spawn(|| run(2));
+            (run(1), other.join().unwrap())
+        });
+        for (i, (a, b)) in first.into_iter().zip(second).enumerate() {
+            assert!(a != b, "round {i}: block 1 refused {a}, block 2 refused {b}");
+        }
     }
 }

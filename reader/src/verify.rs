@@ -1,5 +1,5 @@
 //! Checks of a whole file: everything that opening and lookups check on first touch, and what only the whole shows:
-//! padding, content hashes, links between pages, sections that this version does not know.
+//! padding, content hashes, links between pages, counts of nodes, sections that this version does not know.
 
 #![deny(
     clippy::unwrap_used,
@@ -11,7 +11,7 @@
 
 use umbrage_format::checksum::SectionCrc;
 use umbrage_format::header::Header;
-use umbrage_format::{FormatError, Place, Rule};
+use umbrage_format::{FormatError, Kind, Place, Rule, StructureRecord, Value};
 
 use crate::container::{Shared, check_padding};
 use crate::query::mh::follow::Follow;
@@ -19,6 +19,9 @@ use crate::{Container, FrameChecked, ReaderError, Structure};
 
 /// Bytes that are read at once where only a sum is taken.
 const CHUNK: usize = 1 << 16;
+
+/// Offset of the counts of nodes in a structure record.
+const LEAF_NODES_AT: u64 = core::mem::offset_of!(StructureRecord, leaf_nodes) as u64;
 
 /// What [`Container::verify`] looked at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -68,6 +71,8 @@ fn verify_structure(s: &Structure, summary: &mut VerifySummary, keep: &mut impl 
     let mut end = None;
     let per_block = u32::from(s.record().records_per_block.get()).max(1);
     let mut whole = true;
+    // None once a page is lost.
+    let mut nodes = (s.kind() == Kind::Mh).then_some([0u64; 3]);
     for ordinal in 0..s.page_count() {
         // A block that fails is reported once, not for each of its records.
         if ordinal % per_block == 0 {
@@ -77,7 +82,7 @@ fn verify_structure(s: &Structure, summary: &mut VerifySummary, keep: &mut impl 
             keep(touched);
         }
         let Some(record) = whole.then(|| s.page_record(ordinal).ok()).flatten() else {
-            (end, follow) = (None, None);
+            (end, follow, nodes) = (None, None, None);
             continue;
         };
         let place = Place::Page { structure: s.number(), ordinal };
@@ -87,7 +92,13 @@ fn verify_structure(s: &Structure, summary: &mut VerifySummary, keep: &mut impl 
         end = Some(record.end());
         summary.pages += 1;
         let page = s.page_bytes(ordinal).and_then(|b| b.check_hash().and_then(|()| b.check_frame()));
-        match (page.and_then(FrameChecked::check_kind), &mut follow) {
+        let page = page.and_then(FrameChecked::check_kind);
+        nodes = nodes.zip(page.as_ref().ok()).map(|(sums, page)| {
+            let c = page.counts();
+            let [leaves, inner, empty] = sums;
+            [leaves + u64::from(c.leaves), inner + u64::from(c.inner), empty + u64::from(c.empty)]
+        });
+        match (page, &mut follow) {
             (Ok(page), Some(follow)) => keep(follow.page(s, &page)),
             (Ok(_), None) => {}
             (Err(e), follow) => {
@@ -101,6 +112,23 @@ fn verify_structure(s: &Structure, summary: &mut VerifySummary, keep: &mut impl 
             }
         }
     }
+    if let Some(nodes) = nodes {
+        keep(node_counts(s, nodes));
+    }
+}
+
+/// Holds the structure's counts of leaf, inner and empty nodes against those of its pages.
+fn node_counts(s: &Structure, found: [u64; 3]) -> Result<(), ReaderError> {
+    let r = s.record();
+    let stated = [r.leaf_nodes, r.inner_nodes, r.empty_nodes].map(|n| n.get());
+    let Some((i, (stated, found))) = (0u64..).zip(stated.into_iter().zip(found)).find(|(_, (a, b))| a != b) else {
+        return Ok(());
+    };
+    let first = s.shared().sections.first().map_or(0, |section| section.offset.get());
+    let at = first + u64::from(s.number()) * StructureRecord::BYTES as u64 + LEAF_NODES_AT + 8 * i;
+    let place = Place::Structure(s.number());
+    let error = FormatError::new(Rule::StructureNodes, place, at, Value::Number(found), Value::Number(stated));
+    Err(s.fault(error))
 }
 
 fn padding(shared: &Shared, from: u64, to: u64, rule: Rule, place: Place) -> Result<(), ReaderError> {

@@ -3,6 +3,7 @@
 mod cli;
 #[path = "../../examples/depth_source.rs"]
 mod depth_source;
+mod flips;
 mod golden;
 mod intervals;
 mod layers;

@@ -104,6 +104,30 @@ fn ending_early_costs_at_most_one_node_in_a_hundred() {
     }
 }
 
+/// Squares of its components would be 0 or infinite.
+#[test]
+fn a_direction_of_any_length_becomes_a_unit_vector() {
+    let directions = [1e-200, 1.0, 1e200].map(|length| [0.4, -0.8, 0.3].map(|c| c * length));
+    for (i, direction) in directions.into_iter().enumerate() {
+        let folder = crate::tree::Folder::new(&format!("direction-{i}"));
+        let options = BakeOptions {
+            lights: vec![Light { name: "sun".to_string(), direction }],
+            resolution: 16,
+            policy: Policy::Thickness(0.5),
+            exhaustive: false,
+            memory_bytes: None,
+        };
+        let path = folder.0.join("map.umb");
+        bake(&scene::generated("city:1:0.05").unwrap().unwrap(), &options, &path, &Default::default()).unwrap();
+        let source = FileSource::open(&path).unwrap();
+        let file = Container::open(Arc::new(source), Limits::default()).unwrap();
+        assert_eq!(file.verify(|e| panic!("{e}")).faults, 0);
+        let d = file.structure(0).unwrap().record().light_direction.map(|c| c.get());
+        let squared: f64 = d.iter().map(|c| c * c).sum();
+        assert!((squared - 1.0).abs() < 1e-15, "{d:?}");
+    }
+}
+
 #[test]
 fn records_say_what_lookups_in_their_page_find() {
     let file = File::bake("records", "city:1:0.05", 512, Policy::Closed, false);

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use umbrage::format::kind::mh::{Children, Mask, Node, NodeType};
 use umbrage::format::page::FrameHead;
 use umbrage::format::record::{RECORDS, Record, Scalar};
+use umbrage::format::structure::{GUARANTEES, POLICIES};
 use umbrage::format::{Kind, PageRecord, Rule};
 
 use crate::golden::samples::{self, At, field, position};
@@ -33,7 +34,8 @@ fn tables_are_those_of_the_code() {
         hold(&path, out.as_bytes());
     }
     let records = RECORDS.iter().map(|r| format!("record {}", r.name));
-    let mut all: Vec<String> = records.chain(["kinds", "rules", "example"].map(String::from)).collect();
+    let mut all: Vec<String> =
+        records.chain(["kinds", "policies", "guarantees", "rules", "example"].map(String::from)).collect();
     all.sort();
     tables.sort();
     assert_eq!(tables, all, "each table stands in one place");
@@ -44,6 +46,8 @@ fn table(name: &str) -> String {
         Some(("record", record)) => fields(RECORDS.iter().find(|r| r.name == record).unwrap()),
         _ => match name {
             "kinds" => kinds(),
+            "policies" => policies(),
+            "guarantees" => guarantees(),
             "rules" => rules(),
             "example" => example(),
             _ => panic!("nothing makes the table '{name}'"),
@@ -80,6 +84,23 @@ fn kinds() -> String {
         let mask = if kind.has_frame_mask() { "yes" } else { "no, zero" };
         let words = if kind == Kind::Mh { "[mh.md](mh.md)" } else { "not defined yet" };
         let _ = writeln!(out, "| {} | `{}` | {mask} | {words} |", kind.code(), kind.name());
+    }
+    out
+}
+
+fn policies() -> String {
+    let mut out = String::from("| Code | Policy | Guarantee | Parameter |\n|---|---|---|---|\n");
+    for p in POLICIES {
+        let parameter = if p.has_parameter { "above 0" } else { "0" };
+        let _ = writeln!(out, "| {} | {} | {} | {parameter} |", p.code, p.name, p.guarantee);
+    }
+    out
+}
+
+fn guarantees() -> String {
+    let mut out = String::from("| Code | Guarantee |\n|---|---|\n");
+    for (code, name) in GUARANTEES {
+        let _ = writeln!(out, "| {code} | {name} |");
     }
     out
 }

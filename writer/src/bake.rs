@@ -174,7 +174,7 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
                 }
             })?;
         seconds.build += start.elapsed().as_secs_f64();
-        let record = structure(mesh, light, options, &snapped, &tree, error);
+        let record = structure(mesh, light, options, &snapped, &tree, error)?;
         let report = LightReport {
             name: light.name.clone(),
             counts: tree.counts,
@@ -330,15 +330,16 @@ fn structure(
     snapped: &SnappedMesh,
     tree: &Tree,
     error: f64,
-) -> StructureRecord {
+) -> Result<StructureRecord, FrameError> {
+    // A unit vector for directions of any length.
+    let [_, _, direction] = frame::axes(light.direction)?;
     let (policy, parameter) = policy_code(options.policy);
-    let length = frame::dot(light.direction, light.direction).sqrt();
     let mut r = StructureRecord::zeroed();
     r.set_name(&light.name);
     r.set_lattice(&snapped.lattice);
     r.kind = (Kind::Mh as u32).into();
     r.projection = ORTHOGRAPHIC.into();
-    r.light_direction = light.direction.map(|c| (c / length).into());
+    r.light_direction = direction.map(f64::into);
     r.snap_displacement = snapped.displacement.into();
     r.transform_error = error.into();
     r.depth_guard = guard(error).into();
@@ -350,7 +351,7 @@ fn structure(
     r.triangles = (mesh.triangles.len() as u64).into();
     r.root_count = 1.into();
     r.page_count = tree.spool.len().into();
-    r
+    Ok(r)
 }
 
 pub(crate) fn input(page: Page, root: bool) -> PageInput {

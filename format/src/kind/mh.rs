@@ -103,6 +103,14 @@ impl Mask {
         NodeType::from_bits(self.0 >> ((c & 3) * 2))
     }
 
+    /// Whether some child has no value of its own: then a lookup in the group may answer the value from above.
+    #[inline]
+    pub const fn inherits(self) -> bool {
+        let (first, second) = (self.0 & 0x55, self.0 >> 1 & 0x55);
+        // Bits 01 and 10 are leaf and inner.
+        first ^ second != 0x55
+    }
+
     /// Words of the children before child `c`, 0 to 4: what to add to the group's first word.
     #[inline]
     pub const fn words_before(self, c: u32) -> u32 {
@@ -218,7 +226,7 @@ pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<Pag
     }
     // A root group spans twice its nodes' side; the root node is the whole map.
     let side = if cx.is_root() { head.root_level } else { head.root_level.saturating_add(1) };
-    if (cx.page.log2_x, cx.page.log2_y, cx.page.log2_l) != (side, side, 0) {
+    if (cx.page.log2_x, cx.page.log2_y, cx.page.log2_l, cx.page.origin_l.get()) != (side, side, 0, 0) {
         return Err(cx.fault(Rule::MhFootprint, 1, number(side.into()), number(cx.page.log2_x.into())));
     }
     let mut counts = PageCounts { min: u32::MAX, level_finest: head.root_level, ..PageCounts::default() };
@@ -337,9 +345,15 @@ pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<Pag
     Ok(counts)
 }
 
-/// What a node says about the child page that holds its children.
+/// What a page and one of its nodes say about the child page that holds the node's children.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Link {
+    /// Root that the page belongs to.
+    pub root: u16,
+    /// Smallest and largest depth of the page.
+    pub depths: (u32, u32),
+    /// The value that holds above the children; none where it is not known.
+    pub inherited: Option<u32>,
     /// Types of the children.
     pub mask: Mask,
     /// Level of the children.
@@ -350,29 +364,48 @@ pub struct Link {
     pub y: u32,
 }
 
-/// Calls `visit` with the index and the [`Link`] of every child page that a page refers to. The page must have passed
-/// [`check`], which makes the walk linear; on other words it may take exponential time.
-pub fn links(page: &[u32], head: &FrameHead, cx: &PageContext<'_>, mut visit: impl FnMut(u16, Link)) {
-    let mut waiting =
-        [(ROOT_GROUP, Mask(head.root_mask), head.root_level, cx.page.origin_x.get(), cx.page.origin_y.get()); WAITING];
+/// Calls `visit` with the index and the [`Link`] of every child page that a page refers to; `inherited` is the value
+/// that holds above the page, none where it is not known or the page is a root's. The page must have passed [`check`],
+/// which makes the walk linear; on other words it may take exponential time.
+pub fn links(
+    page: &[u32],
+    head: &FrameHead,
+    cx: &PageContext<'_>,
+    inherited: Option<u32>,
+    mut visit: impl FnMut(u16, Link),
+) {
+    let top = Link {
+        root: cx.page.root.get(),
+        depths: (cx.page.min_depth.get(), cx.page.max_depth.get()),
+        inherited,
+        mask: Mask(head.root_mask),
+        level: head.root_level,
+        x: cx.page.origin_x.get(),
+        y: cx.page.origin_y.get(),
+    };
+    let mut waiting = [(ROOT_GROUP, top); WAITING];
     let mut count = 1usize;
-    while let Some(&(start, mask, level, x, y)) = count.checked_sub(1).and_then(|top| waiting.get(top)) {
+    while let Some(&(start, group)) = count.checked_sub(1).and_then(|top| waiting.get(top)) {
         count -= 1;
-        for c in (0..4).filter(|&c| mask.child(c).has_children()) {
-            let at = u32::from(start) + mask.words_before(c);
-            let (Some(&word), Some(below)) = (page.get(at as usize), level.checked_sub(1)) else { continue };
+        for c in (0..4).filter(|&c| group.mask.child(c).has_children()) {
+            let at = u32::from(start) + group.mask.words_before(c);
+            let (Some(&word), Some(below)) = (page.get(at as usize), group.level.checked_sub(1)) else { continue };
             let node = Node::decode(word);
+            // An empty node passes on what it inherits.
+            let own = group.mask.child(c).has_value().then(|| page.get(at as usize + 1).copied()).flatten();
             let link = Link {
+                inherited: own.or(group.inherited),
                 mask: node.mask,
                 level: below,
-                x: x.wrapping_add((c & 1) << (level & 31)),
-                y: y.wrapping_add((c >> 1) << (level & 31)),
+                x: group.x.wrapping_add((c & 1) << (group.level & 31)),
+                y: group.y.wrapping_add((c >> 1) << (group.level & 31)),
+                ..group
             };
             match node.children {
                 Children::Page(child) => visit(child, link),
                 Children::Here(first) => {
                     if let Some(slot) = waiting.get_mut(count) {
-                        *slot = (first, link.mask, link.level, link.x, link.y);
+                        *slot = (first, link);
                         count += 1;
                     }
                 }
@@ -381,21 +414,34 @@ pub fn links(page: &[u32], head: &FrameHead, cx: &PageContext<'_>, mut visit: im
     }
 }
 
-/// Checks that a page is the one that its parent's node describes: types, level, place in the map, root.
+/// Checks that a page is the one that its parent's node describes: types, level, place in the map, root; and that its
+/// depths lie within the parent's and hold the inherited value where a lookup in it may answer that.
+///
+/// With [`check`] for every page, each answer of a lookup that needs a page lies in the page's depths: it is a value of
+/// the page, of a page below, or the inherited one.
 ///
 /// # Errors
-/// `mh.link`.
-pub fn check_link(link: &Link, parent_root: u16, head: &FrameHead, cx: &PageContext<'_>) -> Result<(), FormatError> {
+/// `mh.link`, `mh.depths`.
+pub fn check_link(link: &Link, head: &FrameHead, cx: &PageContext<'_>) -> Result<(), FormatError> {
     let pairs = [
         (u64::from(link.mask.0), u64::from(head.root_mask)),
         (link.level.into(), head.root_level.into()),
         (link.x.into(), cx.page.origin_x.get().into()),
         (link.y.into(), cx.page.origin_y.get().into()),
-        (parent_root.into(), cx.page.root.get().into()),
+        (link.root.into(), cx.page.root.get().into()),
     ];
-    match pairs.into_iter().find(|(expected, found)| expected != found) {
+    if let Some((expected, found)) = pairs.into_iter().find(|(expected, found)| expected != found) {
+        return Err(cx.fault(Rule::MhLink, 0, Value::Number(expected), Value::Number(found)));
+    }
+    let (min, max) = (cx.page.min_depth.get(), cx.page.max_depth.get());
+    let (lowest, highest) = link.depths;
+    if min < lowest || max > highest {
+        let (expected, out) = (Value::Between(lowest.into(), highest.into()), if min < lowest { min } else { max });
+        return Err(cx.fault(Rule::MhDepths, 0, expected, Value::Number(out.into())));
+    }
+    match link.inherited.filter(|v| link.mask.inherits() && !(min..=max).contains(v)) {
         None => Ok(()),
-        Some((expected, found)) => Err(cx.fault(Rule::MhLink, 0, Value::Number(expected), Value::Number(found))),
+        Some(v) => Err(cx.fault(Rule::MhDepths, 0, Value::Between(min.into(), max.into()), Value::Number(v.into()))),
     }
 }
 
@@ -413,6 +459,7 @@ mod tests {
                 sum += mask.child(c).words();
             }
             assert_eq!(mask.words(), sum);
+            assert_eq!(mask.inherits(), (0..4).any(|c| !mask.child(c).has_value()));
         }
     }
 

@@ -184,17 +184,24 @@ const BREACHES: &[(&str, Breach)] = &[
     ("structure.projection", Put(STRUCTURE + 260, 2)),
     ("structure.policy", Put(STRUCTURE + 264, 0)),
     ("structure.policy", Put(STRUCTURE + 264, 9)),
-    ("structure.guarantee", Put(STRUCTURE + 268, 3)),
+    ("structure.guarantee", Put(STRUCTURE + 268, 5)),
+    ("structure.promise", Put(STRUCTURE + 268, 2)),
+    ("structure.promise", Put(STRUCTURE + 264, 4)),
     // The fixture's geometry promises everywhere, which depth layers can't.
-    ("structure.guarantee", Put(STRUCTURE + 264, 6)),
-    ("structure.guarantee", Put(STRUCTURE + 264, 7)),
+    ("structure.promise", Put(STRUCTURE + 264, 6)),
+    ("structure.promise", Put(STRUCTURE + 264, 7)),
     ("structure.roots", Put(STRUCTURE + 272, 0)),
     ("structure.pages", Put(STRUCTURE + 276, 0)),
     ("structure.block", Put(STRUCTURE + 288, 64)),
     ("structure.block", Put(STRUCTURE + 290, 11)),
     ("structure.resolution", Put(STRUCTURE + 291, 25)),
     ("structure.resolution", Put(STRUCTURE + 292, 46)),
+    ("structure.light", Put(STRUCTURE + 160 + 7, 0x40)),
+    ("structure.parameter", Put(STRUCTURE + 264, 3)),
+    ("structure.parameter", Put(STRUCTURE + 200, 1)),
     ("structure.reserved", Put(STRUCTURE + 300, 1)),
+    ("structure.nodes", Put(STRUCTURE + 224, 0)),
+    ("structure.nodes", Put(STRUCTURE + 240 + 7, 1)),
     ("index.length", Put(STRUCTURE + 288, 1)),
     ("index.crc", Raw(INDEX + 4095, 1)),
     ("index.head", Put(INDEX + 12, 1)),
@@ -226,12 +233,14 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("section.crc", "an_unknown_optional_section_is_skipped_and_verified"),
     ("structure.unique", "breaches_of_more_than_a_byte_are_named"),
     ("structure.number", "breaches_of_more_than_a_byte_are_named"),
+    ("structure.transform", "breaches_of_more_than_a_byte_are_named"),
     ("structure.root", "breaches_of_more_than_a_byte_are_named"),
     ("page.padding", "breaches_of_more_than_a_byte_are_named"),
     ("page.hash", "breaches_of_more_than_a_byte_are_named"),
     ("page.cold", "breaches_of_more_than_a_byte_are_named"),
     ("index.shared", "later::shared_pages_have_no_footprint"),
     ("mh.link", "a_child_in_the_wrong_place_is_found_by_preload_and_verify"),
+    ("mh.depths", "format: depths_of_a_child_page_hold_what_it_can_answer"),
     ("mh.plain", "format: every_breach_is_named"),
     ("mh.footprint", "format: every_breach_is_named"),
     ("mh.bounds", "format: every_breach_is_named"),
@@ -299,6 +308,8 @@ fn breaches_of_more_than_a_byte_are_named() {
     };
     let nan = |b: &mut Vec<u8>| structure(b, &|s| s.light_direction[1] = f64::NAN.into());
     assert_eq!(change(&nan), ["structure.number"]);
+    let flat = |b: &mut Vec<u8>| structure(b, &|s| s.world_to_lattice[0] = 0.0.into());
+    assert_eq!(change(&flat), ["structure.transform"]);
     let root = |b: &mut Vec<u8>| structure(b, &|s| s.root_page.stop_error = 7.into());
     assert_eq!(change(&root), ["structure.root"]);
     let cold = |b: &mut Vec<u8>| {
@@ -441,6 +452,38 @@ fn a_child_in_the_wrong_place_is_found_by_preload_and_verify() {
     assert_eq!(broken(bytes.clone()).first(), Some(&"mh.link"));
     let map = MhMap::new(open(bytes).unwrap().structure(0).unwrap()).unwrap();
     assert_eq!(map.preload().unwrap_err().rule().map(|r| r.id()), Some("mh.link"));
+}
+
+/// A child page whose depths miss the inherited value, or reach beyond the parent's.
+#[test]
+fn depths_that_do_not_hold_every_answer_are_found_by_preload_and_verify() {
+    let (_, good) = small("depths");
+    let at = |ordinal: usize| RECORD + 64 * ordinal;
+    let record = |ordinal: usize| *PageRecord::ref_from_prefix(&good[at(ordinal)..]).unwrap().0;
+    let count = BlockHeader::ref_from_prefix(&good[INDEX..]).unwrap().0.record_count.get() as usize;
+    let last = count - 1;
+    // Beyond the parent's depths, which are the map's, and for a page of the second level its own parent's.
+    for (ordinal, min, max) in [(1, 0, record(1).max_depth.get()), (last, record(last).min_depth.get(), u32::MAX)] {
+        let mut bytes = good.clone();
+        let r = PageRecord::mut_from_prefix(&mut bytes[at(ordinal)..]).unwrap().0;
+        (r.min_depth, r.max_depth) = (min.into(), max.into());
+        repair(&mut bytes);
+        assert_eq!(broken(bytes.clone()), ["mh.depths"], "page {ordinal}");
+        let map = MhMap::new(open(bytes).unwrap().structure(0).unwrap()).unwrap();
+        assert_eq!(map.preload().unwrap_err().rule().map(|r| r.id()), Some("mh.depths"));
+    }
+}
+
+/// Pages below a page that is lost are not held against it, nor are counts of nodes.
+#[test]
+fn a_lost_page_is_reported_alone() {
+    let (_, good) = small("lost");
+    for ordinal in 0..3 {
+        let mut bytes = good.clone();
+        let r = PageRecord::ref_from_prefix(&good[RECORD + 64 * ordinal..]).unwrap().0;
+        bytes[r.offset.get() as usize + 8] ^= 1;
+        assert_eq!(broken(bytes), ["page.crc"], "page {ordinal}");
+    }
 }
 
 /// Neighbouring index blocks are held against each other in whatever order lookups touch them.

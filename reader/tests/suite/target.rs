@@ -80,5 +80,18 @@ fn structures_and_pages_that_break_a_rule_are_refused() {
     let error = pages.iter().try_for_each(|p| writer.push(p)).unwrap_err();
     assert!(error.to_string().contains("mh.link"), "{error}");
     drop(writer);
+    pages.swap(1, swapped);
+    // One that answers more than its parent says.
+    pages[0].record.min_depth = (pages[0].record.min_depth.get() + 1).into();
+    pages[0].record.max_depth = (pages[0].record.max_depth.get() - 1).into();
+    let widest = pages
+        .iter()
+        .skip(1)
+        .fold((u32::MAX, 0), |(min, max), p| (min.min(p.record.min_depth.get()), max.max(p.record.max_depth.get())));
+    assert!(widest.0 < pages[0].record.min_depth.get() || widest.1 > pages[0].record.max_depth.get());
+    let mut writer = create(&path, pages.len()).unwrap();
+    let error = pages.iter().try_for_each(|p| writer.push(p)).unwrap_err();
+    assert!(error.to_string().contains("mh.depths"), "{error}");
+    drop(writer);
     assert_eq!(folder.entries(), 0);
 }

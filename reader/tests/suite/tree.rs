@@ -100,6 +100,8 @@ struct Pending<'a> {
     x: u32,
     y: u32,
     inherited: Option<u32>,
+    /// Place of the parent's page.
+    parent: Option<usize>,
 }
 
 fn refs(kids: &Kids) -> [Option<&Naive>; 4] {
@@ -108,17 +110,26 @@ fn refs(kids: &Kids) -> [Option<&Naive>; 4] {
 
 /// Cuts a tree into pages: the children of nodes at the levels `cuts` lie in pages of their own.
 pub fn pages(tree: &Naive, log2: u8, cuts: &[u8]) -> Vec<PageInput> {
-    let root = Pending { group: [Some(tree), None, None, None], level: log2, x: 0, y: 0, inherited: None };
+    let root =
+        Pending { group: [Some(tree), None, None, None], level: log2, x: 0, y: 0, inherited: None, parent: None };
     let mut queue = VecDeque::from([root]);
-    let mut out = Vec::new();
+    let (mut out, mut parents) = (Vec::new(), Vec::new());
     while let Some(p) = queue.pop_front() {
-        let page = page(&p, cuts, out.is_empty(), &mut queue);
+        let page = page(&p, cuts, out.len(), &mut queue);
         out.push(page);
+        parents.push(p.parent);
+    }
+    // Children lie behind their parents: what they can answer, the parent can.
+    for child in (0..out.len()).rev() {
+        let Some(parent) = parents[child] else { continue };
+        let (min, max) = (out[child].record.min_depth.get(), out[child].record.max_depth.get());
+        let r = &mut out[parent].record;
+        (r.min_depth, r.max_depth) = (r.min_depth.get().min(min).into(), r.max_depth.get().max(max).into());
     }
     out
 }
 
-fn page<'a>(p: &Pending<'a>, cuts: &[u8], root: bool, queue: &mut VecDeque<Pending<'a>>) -> PageInput {
+fn page<'a>(p: &Pending<'a>, cuts: &[u8], ordinal: usize, queue: &mut VecDeque<Pending<'a>>) -> PageInput {
     let mask = |group: &[Option<&Naive>; 4]| Mask::new(group.map(|n| n.map_or(NodeType::None, Naive::kind)));
     let mut words = vec![0u32; 2];
     let mut record = PageRecord::zeroed();
@@ -139,7 +150,8 @@ fn page<'a>(p: &Pending<'a>, cuts: &[u8], root: bool, queue: &mut VecDeque<Pendi
                 let (x, y) = (x + ((c as u32 & 1) << level), y + ((c as u32 >> 1) << level));
                 let inherited = node.value().or(inherited);
                 let children = if cuts.contains(&level) {
-                    queue.push_back(Pending { group: inner, level: level - 1, x, y, inherited });
+                    let parent = Some(ordinal);
+                    queue.push_back(Pending { group: inner, level: level - 1, x, y, inherited, parent });
                     child_refs += 1;
                     Children::Page(child_refs - 1)
                 } else {
@@ -156,7 +168,7 @@ fn page<'a>(p: &Pending<'a>, cuts: &[u8], root: bool, queue: &mut VecDeque<Pendi
     let root_mask = mask(&p.group).0;
     let head = FrameHead { tag: Kind::Mh.tag(), root_mask, child_refs, words: words.len() as u16, root_level: p.level };
     words[..2].copy_from_slice(&head.encode());
-    let side = if root { p.level } else { p.level + 1 };
+    let side = if ordinal == 0 { p.level } else { p.level + 1 };
     (record.origin_x, record.origin_y) = (p.x.into(), p.y.into());
     (record.log2_x, record.log2_y) = (side, side);
     (record.level_coarsest, record.level_finest) = (p.level, finest);
@@ -174,6 +186,7 @@ pub fn structure(name: &str, kind: Kind, log2: u8, pages: usize) -> StructureRec
     s.set_lattice(&Lattice { world_to_lattice, log2_resolution: log2, subtexel_bits: 8 });
     (s.kind, s.projection) = (kind.code().into(), ORTHOGRAPHIC.into());
     (s.policy, s.guarantee) = (1.into(), EVERYWHERE.into());
+    s.light_direction = [0.0, 0.0, 1.0].map(f64::into);
     (s.root_count, s.page_count) = (1.into(), (pages as u32).into());
     s
 }

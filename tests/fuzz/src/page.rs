@@ -134,7 +134,7 @@ pub fn run(data: &[u8]) {
     assert_eq!(counts, expected);
     // Only now: on a page that was not checked the same walk may take 4^25 steps.
     let mut said = HashSet::new();
-    links(&page, &head, &cx, |child, _| {
+    links(&page, &head, &cx, None, |child, _| {
         said.insert(child);
     });
     assert_eq!(said, walk.refs);

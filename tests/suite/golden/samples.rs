@@ -79,6 +79,9 @@ impl Sample {
 /// Golden file, place, new bytes, checksums.
 type Row = (&'static str, &'static str, At, &'static [u8], Seal);
 
+/// A first row that is the second one, up to its scale: 256 on the other axis becomes 512.
+const SINGULAR: [u8; 16] = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x80, 0x40];
+
 /// A byte is replaced, from the first byte of the place on.
 #[rustfmt::skip]
 const ROWS: &[Row] = &[
@@ -117,6 +120,9 @@ const ROWS: &[Row] = &[
     ("structure.projection", "example", Structure(0, "projection"), &[0], Records),
     ("structure.policy", "example", Structure(0, "policy"), &[0], Records),
     ("structure.guarantee", "example", Structure(0, "guarantee"), &[0], Records),
+    ("structure.promise", "example", Structure(0, "guarantee"), &[2], Records),
+    ("structure.promise", "example", Structure(0, "policy"), &[4], Records),
+    ("structure.promise", "example", Structure(0, "policy"), &[6], Records),
     ("structure.roots", "example", Structure(0, "root_count"), &[0], Records),
     ("structure.pages", "example", Structure(0, "page_count"), &[0], Records),
     ("structure.block", "example", Structure(0, "records_per_block"), &[64], Records),
@@ -126,6 +132,12 @@ const ROWS: &[Row] = &[
     ("structure.resolution", "example", Structure(0, "subtexel_bits"), &[47], Records),
     ("structure.number", "example", Structure(0, "light_direction"), &[0, 0, 0, 0, 0, 0, 0xF8, 0x7F], Records),
     ("structure.number", "example", Structure(0, "policy_parameter"), &[0, 0, 0, 0, 0, 0, 0xF0, 0x7F], Records),
+    ("structure.transform", "example", Structure(0, "world_to_lattice"), &[0; 8], Records),
+    ("structure.transform", "example", Structure(0, "world_to_lattice"), &SINGULAR, Records),
+    ("structure.light", "example", Structure(0, "light_direction"), &[0, 0, 0, 0, 0, 0, 0x60, 0x3F], Records),
+    ("structure.light", "example", Structure(0, "light_direction"), &[0, 0, 0, 0, 0, 0, 0xE0, 0x7F], Records),
+    ("structure.parameter", "example", Structure(0, "policy"), &[3], Records),
+    ("structure.parameter", "example", Structure(0, "policy_parameter"), &[1], Records),
     ("structure.reserved", "example", Structure(0, "reserved0"), &[1], Records),
     ("structure.reserved", "example", Structure(0, "reserved1"), &[1], Records),
     ("structure.root", "example", Root("stop_error"), &[7], Records),
@@ -170,6 +182,10 @@ const ROWS: &[Row] = &[
     ("index.dependency", "later", Record(1, 1, "dep_first"), &[0], Index),
     ("index.shared", "later", Record(1, 1, "max_depth"), &[9], Index),
     ("index.shared", "later", Record(1, 1, "root"), &[1], Index),
+    ("index.shared", "later", Record(1, 1, "stop_error"), &[1], Index),
+    ("index.shared", "later", Record(1, 1, "log2_x"), &[1], Index),
+    ("index.shared", "later", Record(1, 1, "log2_y"), &[1], Index),
+    ("index.shared", "later", Record(1, 1, "log2_l"), &[1], Index),
     ("page.padding", "pages", Gap("page", 1), &[1], Nothing),
     ("page.crc", "example", Page(1, 2, 0), &[0], Nothing),
     ("page.hash", "example", Record(0, 1, "content_hash"), &[0], Index),
@@ -178,12 +194,14 @@ const ROWS: &[Row] = &[
     ("page.children", "example", Page(1, 0, 2), &[9], All),
     ("page.length", "example", Page(1, 1, 0), &[1], All),
     ("page.level", "example", Page(1, 1, 2), &[2], All),
+    ("page.level", "later", Record(3, 0, "level_coarsest"), &[2], All),
     ("page.flags", "example", Page(1, 1, 3), &[1], All),
     ("mh.plain", "example", Record(0, 1, "page_type"), &[1], All),
     ("mh.root", "example", Page(0, 0, 1), &[3], All),
     ("mh.root", "example", Page(1, 0, 1), &[0], All),
     ("mh.footprint", "example", Record(0, 1, "log2_x"), &[0], All),
     ("mh.footprint", "example", Record(0, 1, "log2_l"), &[1], All),
+    ("mh.footprint", "example", Record(0, 1, "origin_l"), &[1], All),
     ("mh.bounds", "example", Page(0, 7, 0), &[1, 0, 8, 0], All),
     ("mh.overlap", "example", Page(0, 4, 0), &[1, 0, 6, 0], All),
     ("mh.place", "example", Page(0, 4, 1), &[2], All),
@@ -197,6 +215,14 @@ const ROWS: &[Row] = &[
     ("mh.values", "example", Record(0, 1, "max_depth"), &[0x60, 0x03], All),
     ("mh.link", "example", Record(0, 1, "origin_x"), &[2], All),
     ("mh.link", "example", Record(0, 2, "origin_y"), &[0], All),
+    // Below the least depth of the parent, above its largest one; an inherited value outside.
+    ("mh.depths", "example", Record(0, 2, "min_depth"), &[0], All),
+    ("mh.depths", "example", Record(0, 2, "max_depth"), &[0, 0, 1], All),
+    ("mh.depths", "example", Record(0, 1, "max_depth"), &[0x66, 0x03], All),
+    ("mh.depths", "example", Record(0, 2, "max_depth"), &[0xD0, 0x02], All),
+    ("structure.nodes", "example", Structure(0, "leaf_nodes"), &[0], Records),
+    ("structure.nodes", "example", Structure(0, "inner_nodes"), &[0], Records),
+    ("structure.nodes", "example", Structure(0, "empty_nodes"), &[9], Records),
 ];
 
 /// Samples whose rule is about the caller's limits.
@@ -220,6 +246,11 @@ pub fn all() -> Vec<Sample> {
                 // A flat page in a tree: its tag and root mask must then be those of a flat page.
                 let word = position(&bytes, Page(1, 0, 0));
                 bytes[word..word + 2].copy_from_slice(&[0xFF, 0]);
+            }
+            if rule == "page.level" && base == "later" {
+                // A flat page whose record agrees: only that it is flat is wrong.
+                let root_level = offset(&bytes, Record(3, 0, "offset")) + 4 + 2;
+                bytes[root_level] = new[0];
             }
             if rule == "mh.depth" {
                 // An empty node with a child below level 0.

@@ -101,7 +101,6 @@ fn golden(name: &'static str, alignment_log2: u8, parts: Vec<Part<'_>>) -> Golde
             let pages = ordered(trees, *log2, cuts);
             let mut record = structure(name, Kind::Mh, *log2, pages.len());
             record.root_count = (trees.len() as u32).into();
-            record.light_direction = [0.0, 0.0, 1.0].map(f64::into);
             (record, pages)
         })
         .collect();
@@ -175,11 +174,7 @@ fn later() -> Golden {
     let mut quads = page(TAG_FLAT, 0, 0, 0, &[2, 0x3F80_0000, 0x4000_0000, 0, 1, 0x3F00_0000, 0xBF80_0000, 1, 0]);
     quads.record.page_type = FORM_FLAT;
     (quads.record.log2_x, quads.record.log2_y) = (4, 4);
-    let record = |name, kind, pages: usize| {
-        let mut s: StructureRecord = structure(name, kind, 4, pages);
-        s.light_direction = [0.0, 0.0, 1.0].map(f64::into);
-        s
-    };
+    let record = |name, kind, pages: usize| -> StructureRecord { structure(name, kind, 4, pages) };
     // Room for a list of dependencies behind 2 records; the third lies in a second block.
     let mut merged = record("mmh", Kind::Mmh, 3);
     merged.shared_pages = 2.into();

@@ -4,7 +4,7 @@
 //! themselves in ordinal order, structure by structure. Out: a whole file under the target's name, or none.
 //!
 //! - [`ContainerWriter`] (here): the layout of the file and the walk through it; pages go straight to their place, each
-//!   index block as soon as it is full, header and structure records last. Memory: one block, one page, and 16 bytes
+//!   index block as soon as it is full, header and structure records last. Memory: one block, one page, and 28 bytes
 //!   for each page that a parent has announced.
 //! - [`Target`]: the temporary file beside the target, sync, rename.
 //! - [`WriteError`]: what can go wrong, in words for the one who called.
@@ -95,7 +95,7 @@ struct StructureState {
     /// Nodes by type, for kinds that are counted here.
     nodes: [u64; 3],
     /// What parents said of the pages to come, in ordinal order.
-    announced: VecDeque<(u16, Link)>,
+    announced: VecDeque<Link>,
     block: BlockBuilder,
 }
 
@@ -233,15 +233,14 @@ impl ContainerWriter {
         for (sum, n) in self.state.nodes.iter_mut().zip([counts.leaves, counts.inner, counts.empty]) {
             *sum += u64::from(n);
         }
-        if !cx.is_root()
-            && let Some((root, link)) = self.state.announced.pop_front()
-        {
-            mh::check_link(&link, root, head, &cx)?;
+        let said = if cx.is_root() { None } else { self.state.announced.pop_front() };
+        if let Some(link) = said {
+            mh::check_link(&link, head, &cx)?;
         }
         let mut links = vec![None; usize::from(head.child_refs)];
-        mh::links(&page.words, head, &cx, |child, link| links[usize::from(child)] = Some(link));
-        let root = record.root.get();
-        self.state.announced.extend(links.into_iter().flatten().map(|link| (root, link)));
+        let inherited = said.and_then(|link| link.inherited);
+        mh::links(&page.words, head, &cx, inherited, |child, link| links[usize::from(child)] = Some(link));
+        self.state.announced.extend(links.into_iter().flatten());
         Ok(())
     }
 

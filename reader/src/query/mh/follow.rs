@@ -18,27 +18,28 @@ use crate::{CheckedPage, ReaderError, Structure};
 /// What parents said of the pages to come. Level order makes this a queue: children are numbered as their parents come.
 #[derive(Debug, Default)]
 pub(crate) struct Follow {
-    /// Root of the parent and link; none where the parent could not be read.
-    announced: VecDeque<Option<(u16, Link)>>,
+    /// None where the parent could not be read.
+    announced: VecDeque<Option<Link>>,
 }
 
 impl Follow {
     /// Checks the next page and notes what it says of its children.
     ///
     /// # Errors
-    /// `mh.link`.
+    /// `mh.link`, `mh.depths`.
     pub(crate) fn page(&mut self, structure: &Structure, page: &CheckedPage) -> Result<(), ReaderError> {
         let cx = context(structure, page.ordinal(), page.record());
         let said = if cx.is_root() { None } else { self.announced.pop_front().flatten() };
         let first = self.announced.len();
         self.announced.resize(first + usize::from(page.head().child_refs), None);
-        links(page.words(), page.head(), &cx, |child, link| {
+        let inherited = said.and_then(|link| link.inherited);
+        links(page.words(), page.head(), &cx, inherited, |child, link| {
             if let Some(slot) = self.announced.get_mut(first + usize::from(child)) {
-                *slot = Some((page.record().root.get(), link));
+                *slot = Some(link);
             }
         });
         match said {
-            Some((root, link)) => check_link(&link, root, page.head(), &cx).map_err(|e| structure.fault(e)),
+            Some(link) => check_link(&link, page.head(), &cx).map_err(|e| structure.fault(e)),
             None => Ok(()),
         }
     }
