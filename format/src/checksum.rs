@@ -54,12 +54,13 @@ pub fn content_hash(bytes: &[u8]) -> u64 {
     xxhash_rust::xxh3::xxh3_64(bytes)
 }
 
-fn bound(id: &[u8], numbers: &[u32], bytes: &[u8]) -> u32 {
+/// One short update for the id and the numbers: pages may be as short.
+fn bound<const N: usize>(id: &FileId, numbers: &[u32; N], bytes: &[u8]) -> u32 {
+    let mut head = [0; 24];
+    let parts = id.iter().copied().chain(numbers.iter().flat_map(|n| n.to_le_bytes()));
+    head.iter_mut().zip(parts).for_each(|(to, from)| *to = from);
     let mut h = crc32fast::Hasher::new();
-    h.update(id);
-    for n in numbers {
-        h.update(&n.to_le_bytes());
-    }
+    h.update(head.get(..id.len() + 4 * N).unwrap_or_default());
     h.update(bytes);
     h.finalize()
 }

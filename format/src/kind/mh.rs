@@ -97,6 +97,12 @@ impl Mask {
         Self(a as u8 | (b as u8) << 2 | (c as u8) << 4 | (d as u8) << 6)
     }
 
+    /// Whether there is no inner and no empty child.
+    #[inline]
+    pub const fn is_leaves(self) -> bool {
+        self.0 & 0b1010_1010 == 0
+    }
+
     /// Type of child `c`, 0 to 3.
     #[inline]
     pub const fn child(self, c: u32) -> NodeType {
@@ -190,11 +196,35 @@ pub struct PageCounts {
 
 /// Most words of a page, as bits.
 const MAP: usize = crate::index::MAX_PAGE_WORDS as usize / 32;
+/// Enough for an ordinary page: clearing the largest maps takes longer than checking a small page.
+const SMALL_MAP: usize = MAP / 8;
 /// Groups that wait: a group leaves at most 4 groups behind at each of 25 levels, of which one is taken at once.
 const WAITING: usize = 4 * 25;
 
+/// Marks at most 8 bits from `first` on; `false` and nothing marked where one was before, or lies outside.
+#[inline]
+fn mark_all(map: &mut [u32], first: u32, count: u32) -> bool {
+    let bits = ((1u64 << (count & 15)) - 1) << (first % 32);
+    let [a, b, c, d, e, f, g, h] = bits.to_le_bytes();
+    let (low, high) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
+    let at = (first / 32) as usize;
+    if high == 0 {
+        let Some(word) = map.get_mut(at) else { return false };
+        let fresh = *word & low == 0;
+        *word |= if fresh { low } else { 0 };
+        return fresh;
+    }
+    let Some([first, second]) = map.get_mut(at..).and_then(|m| m.first_chunk_mut::<2>()) else { return false };
+    let fresh = *first & low == 0 && *second & high == 0;
+    if fresh {
+        *first |= low;
+        *second |= high;
+    }
+    fresh
+}
+
 /// Marks one bit; `false` where it was marked before or lies outside.
-fn mark(map: &mut [u32; MAP], bit: u32) -> bool {
+fn mark(map: &mut [u32], bit: u32) -> bool {
     let Some(word) = map.get_mut((bit / 32) as usize) else { return false };
     let fresh = *word >> (bit % 32) & 1 == 0;
     *word |= 1 << (bit % 32);
@@ -208,6 +238,15 @@ fn mark(map: &mut [u32; MAP], bit: u32) -> bool {
 /// # Errors
 /// `mh.*`; the offset is that of the node's word.
 pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<PageCounts, FormatError> {
+    if page.len().max(head.child_refs.into()) <= SMALL_MAP * 32 {
+        check_in::<SMALL_MAP>(page, head, cx)
+    } else {
+        check_in::<MAP>(page, head, cx)
+    }
+}
+
+/// [`check`] with maps of so many times 32 words.
+fn check_in<const MAP: usize>(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<PageCounts, FormatError> {
     let mask = Mask(head.root_mask);
     let number = |v: u32| Value::Number(v.into());
     if cx.page.is_flat() || cx.page.is_shared() || cx.page.dep_count.get() != 0 {
@@ -238,13 +277,30 @@ pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<Pag
     while let Some(&(start, mask, level)) = count.checked_sub(1).and_then(|top| waiting.get(top)) {
         count -= 1;
         counts.level_finest = counts.level_finest.min(level);
+        // Almost always the words of a group are there and reached for the first time; what is wrong with the others is
+        // told word by word.
+        let length = mask.words();
+        let group = page.get(usize::from(start)..usize::from(start) + length as usize);
+        let whole = group.filter(|_| mark_all(&mut words, start.into(), length));
+        if let Some(group) = whole {
+            words_reached += length;
+            if mask.is_leaves() {
+                counts.leaves += length;
+                for &value in group {
+                    counts.min = counts.min.min(value);
+                    counts.max = counts.max.max(value);
+                }
+                continue;
+            }
+        }
         for c in 0..4 {
             let kind = mask.child(c);
             if kind == NodeType::None {
                 continue;
             }
             let at = u32::from(start) + mask.words_before(c);
-            for word in at..at + kind.words() {
+            let apart = if whole.is_some() { 0 } else { kind.words() };
+            for word in at..at + apart {
                 if word as usize >= page.len() {
                     return Err(cx.fault(
                         Rule::MhBounds,

@@ -8,9 +8,12 @@ fn main() -> std::io::Result<()> {
         "page" => umbrage_fuzz::page::run,
         "roundtrip" => umbrage_fuzz::roundtrip::run,
         "query_agrees" => umbrage_fuzz::query_agrees::run,
+        "scene" => umbrage_fuzz::scene::run,
         "intervals" => umbrage_fuzz::intervals::run,
         _ => {
-            return Err(std::io::Error::other("expected open, page, roundtrip, query_agrees or intervals, and a file"));
+            return Err(std::io::Error::other(
+                "expected open, page, roundtrip, query_agrees, scene or intervals, and a file",
+            ));
         }
     };
     let bytes = std::fs::read(file)?;

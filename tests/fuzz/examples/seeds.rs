@@ -53,6 +53,31 @@ fn main() -> std::io::Result<()> {
     put("open", "flip", &[1 | 1 << 2, 3 | 1 << 3, 40, 0, 3, 0, 0, 0])?;
     put("open", "garbage", b"\0\xD5UMB\r\n\x1A\n\x01\0\0\0\x80\0\0\0")?;
 
+    let cube = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n\
+                f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+               element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    let binary = "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                  property float z\nelement face 1\nproperty list uchar int vertex_index\nend_header\n";
+    let corners: Vec<u8> =
+        [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|f| f.to_le_bytes()).collect();
+    let face = [3u8, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0];
+    // one triangle, its corners in a data URI
+    let gltf = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"scale":[2,2,2]}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],
+"bufferViews":[{"buffer":0,"byteLength":36}],
+"buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}"#;
+    put("scene", "obj", &[&[0][..], cube.as_bytes()].concat())?;
+    put("scene", "ply", &[&[1][..], ply.as_bytes()].concat())?;
+    put("scene", "ply-binary", &[&[1][..], binary.as_bytes(), &corners, &face].concat())?;
+    put("scene", "gltf", &[&[2][..], gltf.as_bytes()].concat())?;
+    let json = format!("{gltf:<length$}", length = gltf.len().next_multiple_of(4));
+    let words = [0x4654_6C67u32, 2, 20 + json.len() as u32, json.len() as u32, 0x4E4F_534A];
+    let head: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
+    put("scene", "glb", &[&[3][..], &head, json.as_bytes()].concat())?;
+    put("scene", "by-content", &[&[4][..], cube.as_bytes()].concat())?;
+
     put("roundtrip", "tree-flat", &[0])?;
     put("roundtrip", "tree-cut", &[3 << 1, 0x0C, 2, 1, 0, 15, 0, 3, 0, 1, 1, 0, 7, 0, 9, 9, 2, 8, 8, 5, 0, 1, 1])?;
     put("roundtrip", "image-small", &[1, 4, 3, 0, 0, 0x12, 0x34, 0x13, 0xFF, 0x12])?;

@@ -5,6 +5,7 @@
 //! - [`page`]: `mh::check` accepts just what a naive walk accepts, and every node it counts is found by a lookup;
 //! - [`roundtrip`]: intervals and trees come back from the file as a naive evaluation has them, at every level;
 //! - [`query_agrees`]: on the device an accepted file gives the reader's answers, to the bit;
+//! - [`scene`]: a mesh file that is accepted is a sound mesh that can be baked; refusals are one line;
 //! - [`intervals`]: the baker's tree holds what the exact oracle allows, with the oracle's counts.
 //!
 //! ```text
@@ -20,6 +21,7 @@ pub mod open;
 pub mod page;
 pub mod query_agrees;
 pub mod roundtrip;
+pub mod scene;
 
 #[path = "../../../reader/tests/suite/tree.rs"]
 #[allow(dead_code, missing_docs)]

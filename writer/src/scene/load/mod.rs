@@ -58,10 +58,18 @@ enum Format {
 /// # Errors
 /// [`LoadError`], one line that says what to do, if the file can't be read or isn't a scene.
 pub fn load(path: &Path) -> Result<Loaded, LoadError> {
+    let bytes = read(path).map_err(|fault| LoadError { path: path.to_path_buf(), fault })?;
+    parse(path, &bytes)
+}
+
+/// As [`load`], of bytes that are in memory; `path` names them and is where glTF looks for the files beside them.
+///
+/// # Errors
+/// [`LoadError`] if they aren't a scene.
+pub fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, LoadError> {
     let scene = || {
-        let bytes = read(path)?;
         // Editors on Windows put a byte order mark before text.
-        let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
+        let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
         let mut scene = match format(path, bytes)? {
             Format::Obj => obj::parse(bytes)?,
             Format::Ply => ply::parse(bytes)?,
