@@ -7,6 +7,7 @@ mod flips;
 mod golden;
 mod intervals;
 mod layers;
+mod limits;
 mod losing;
 mod masks;
 mod openexr;
