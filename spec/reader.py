@@ -357,6 +357,7 @@ class Structure:
         x, y, z = numbers[12:15]
         squared = (x * x + y * y) + z * z
         need(abs(squared - 1) <= LIGHT_TOLERANCE, "structure.light", at, squared)
+        need(0 <= numbers[16] <= self.depth_guard, "structure.guard", at, numbers[16])
         parameter = numbers[17]
         good = parameter > 0 if self.policy in WITH_PARAMETER else parameter == 0
         need(good, "structure.parameter", at, parameter)

@@ -81,6 +81,7 @@ rules! {
     StructureNumber "structure.number" "real numbers are finite" WRITER;
     StructureTransform "structure.transform" "the world-to-lattice map can be inverted" WRITER;
     StructureLight "structure.light" "the light's direction has length 1" WRITER;
+    StructureGuard "structure.guard" "the transform's error is not negative, and the guard not below it" WRITER;
     StructureParameter "structure.parameter" "the policy's parameter is above 0, or 0 where the policy has none" WRITER;
     StructureReserved "structure.reserved" "reserved bytes of a structure record are zero" WRITER;
     StructureRoot "structure.root" "the copy of the root page's record equals record 0 of the index" WRITER;

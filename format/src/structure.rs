@@ -232,6 +232,11 @@ impl StructureRecord {
         if (squared - 1.0).abs() > LIGHT_TOLERANCE {
             return fault(Rule::StructureLight, 160, Value::Text("a unit vector"), Value::Text("another length"));
         }
+        let error = self.transform_error.get();
+        if !(0.0..=f64::from(self.depth_guard.get())).contains(&error) {
+            let expected = Value::Text("an error from 0 to the guard");
+            return fault(Rule::StructureGuard, 192, expected, Value::Text("another number"));
+        }
         let parameter = self.policy_parameter.get();
         let fits = if policy.has_parameter { parameter > 0.0 } else { parameter == 0.0 };
         if !fits {

@@ -75,8 +75,7 @@ impl Interval {
     pub fn guards(&self, value: u32, guard: u32) -> bool {
         let (v, g) = (u64::from(value), u64::from(guard));
         let (min, max) = (u64::from(self.min), u64::from(self.max));
-        let narrow = max - min < 4 * g || self.min == UNCOVERED;
-        self.contains(value) && (narrow || (min + g <= v && v + g <= max))
+        self.contains(value) && (max - min < 4 * g || self.min == UNCOVERED || (min + g <= v && v + g <= max))
     }
 
     /// Whether the value is one of the interval's.

@@ -1,5 +1,5 @@
 //! Where a certificate looks when it doesn't look everywhere: half of the texels in squares spread at random, half
-//! around what goes wrong first: silhouettes, borders of leaves, borders of pages.
+//! around what goes wrong first: edges of triangles, borders of leaves, borders of pages.
 
 use super::Region;
 use umbrage_writer::solid::SnappedMesh;
@@ -44,9 +44,9 @@ pub struct Borders<'a> {
     pub leaf: &'a dyn Fn(u32, u32) -> Option<u8>,
 }
 
-/// Regions that hold at least `count` texels together, and how many of those are near a border or a silhouette. A
+/// Regions that hold at least `count` texels together, and how many of those are near a border or an edge. A
 /// texel may occur more than once.
-pub fn regions(mesh: &SnappedMesh, resolution: u32, count: u64, borders: &Borders) -> (Vec<Region>, u64) {
+pub fn regions(mesh: Option<&SnappedMesh>, resolution: u32, count: u64, borders: &Borders) -> (Vec<Region>, u64) {
     let mut sequence = Sequence(0x9E37_79B9_7F4A_7C15);
     let mut regions = Vec::new();
     let wide = resolution.min(WIDE);
@@ -58,7 +58,7 @@ pub fn regions(mesh: &SnappedMesh, resolution: u32, count: u64, borders: &Border
     let squares = (count - count / 2).div_ceil(u64::from(near).pow(2));
     for i in 0..squares {
         let p = match i % 3 {
-            0 => silhouette(mesh, &mut sequence),
+            0 => mesh.and_then(|mesh| on_an_edge(mesh, &mut sequence)),
             1 => {
                 let [x, y] = [0; 2].map(|_| sequence.below(resolution.into()) as u32);
                 (borders.leaf)(x, y).map(|l| sequence.border([x >> l << l, y >> l << l], l))
@@ -69,20 +69,21 @@ pub fn regions(mesh: &SnappedMesh, resolution: u32, count: u64, borders: &Border
             }
         };
         let start = |c: u32| c.saturating_sub(near / 2).min(resolution - near);
-        let [x, y] = p.unwrap_or([0, 0]).map(start);
+        // a place that can't be found is replaced by a random one
+        let [x, y] = p.unwrap_or_else(|| [0; 2].map(|_| sequence.below(resolution.into()) as u32)).map(start);
         regions.push(Region { x, y, width: near, height: near });
     }
     (regions, squares * u64::from(near).pow(2))
 }
 
 /// A texel on an edge of some triangle.
-fn silhouette(mesh: &SnappedMesh, sequence: &mut Sequence) -> Option<[u32; 2]> {
+fn on_an_edge(mesh: &SnappedMesh, sequence: &mut Sequence) -> Option<[u32; 2]> {
     let t = mesh.triangles.get(sequence.below(mesh.triangles.len() as u64) as usize)?;
     let k = sequence.below(3) as usize;
     let [a, b] = [t[k], t[(k + 1) % 3]].map(|i| mesh.positions[i as usize]);
-    let part = sequence.below(1 << 16) as i64;
-    let at = |i: usize| (a[i] + (((b[i] - a[i]) * part) >> 16)) >> mesh.lattice.subtexel_bits;
-    Some([0, 1].map(|i| at(i).clamp(0, i64::from(mesh.lattice.resolution()) - 1) as u32))
+    let part = sequence.below(1 << 16) as i128;
+    let at = |i: usize| (i128::from(a[i]) + ((i128::from(b[i] - a[i]) * part) >> 16)) >> mesh.lattice.subtexel_bits;
+    Some([0, 1].map(|i| at(i).clamp(0, i128::from(mesh.lattice.resolution()) - 1) as u32))
 }
 
 #[cfg(test)]
@@ -105,7 +106,7 @@ mod tests {
                 leaf: &|x, _| (x % 5 != 0).then_some(log2.min(2)),
             };
             for count in [1, 5000, 100_000] {
-                let (regions, near) = regions(&snapped, resolution, count, &borders);
+                let (regions, near) = regions(Some(&snapped), resolution, count, &borders);
                 let texels: u64 = regions.iter().map(|r| u64::from(r.width) * u64::from(r.height)).sum();
                 assert!(texels >= count && near * 2 >= count, "{log2} {count}: {texels} {near}");
                 assert!(texels < count + 2 * u64::from(WIDE * WIDE));

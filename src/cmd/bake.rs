@@ -38,8 +38,8 @@ pub struct Args {
     /// Most memory to hold, MiB
     #[arg(long, value_name = "MIB", allow_negative_numbers = true)]
     memory: Option<u64>,
-    /// Threads; as many as there are cores without it
-    #[arg(long, allow_negative_numbers = true)]
+    /// Threads, at most 1024; as many as there are cores without it
+    #[arg(long, allow_negative_numbers = true, value_parser = parse_threads)]
     threads: Option<usize>,
     #[command(flatten)]
     layers: layers::LayerArgs,
@@ -71,6 +71,14 @@ fn parse_light(s: &str) -> Result<LightArg, String> {
         return Err("the direction is 0; give the way the light travels, for example sun=dir:0.4,-0.8,0.3".to_string());
     }
     Ok(LightArg { name: name.to_string(), direction: Some(direction) })
+}
+
+/// More threads than this only wait for each other.
+fn parse_threads(s: &str) -> Result<usize, String> {
+    match s.parse() {
+        Ok(n @ 1..=1024) => Ok(n),
+        _ => Err(format!("expected 1 to 1024, found '{s}'")),
+    }
 }
 
 /// A pool of so many threads.

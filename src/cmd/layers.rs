@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde_json::json;
+use umbrage::certify::Region;
 use umbrage::certify::layers::{LayersTally, check};
+use umbrage::certify::sample::{Borders, regions};
 use umbrage::reader::Structure;
 use umbrage::reader::query::mh::MhMap;
 use umbrage::writer::bake::BakeError;
@@ -218,7 +220,7 @@ pub fn verify(
     args: &LayerArgs,
     structure: Structure,
     sample: Option<u64>,
-) -> Result<LayersTally, Failure> {
+) -> Result<(LayersTally, u64), Failure> {
     let name = structure.name().to_string();
     let meaning = Second::of(structure.record()).ok_or_else(|| {
         Failure::new(INPUT, format!("light '{name}' was baked from a scene; give that scene with --source"))
@@ -237,20 +239,37 @@ pub fn verify(
     }
     let layers = LatticeLayers::new(&layers, &go_on)?;
     let guard = structure.record().depth_guard.get();
-    let map = MhMap::new(structure)?.preload()?;
-    let log2_side = k.min(6);
-    let across = 1u64 << (k - log2_side);
+    let map = MhMap::new(structure)?;
+    let side = map.resolution();
+    let whole = u64::from(side) * u64::from(side);
+    let (squares, near): (Vec<Square>, u64) = match sample.filter(|n| *n < whole) {
+        None => {
+            let log2_side = k.min(6);
+            let across = 0..side >> log2_side;
+            let square = |x: u32, y: u32| Square { origin: [x << log2_side, y << log2_side], log2_side };
+            (across.clone().flat_map(|y| across.clone().map(move |x| square(x, y))).collect(), 0)
+        }
+        Some(n) => {
+            let page =
+                |p| map.structure().page_record(p).ok().map(|r| ([r.origin_x.get(), r.origin_y.get()], r.log2_x));
+            let leaf = |x, y| map.texel(x, y, 0).ok().map(|a| a.level);
+            let pages = map.structure().page_count();
+            let (regions, near) = regions(None, side, n, &Borders { pages, page: &page, leaf: &leaf });
+            // squares are aligned: the one that the region begins in
+            let square = |r: Region| {
+                let log2_side = r.width.ilog2() as u8;
+                Square { origin: [r.x, r.y].map(|v| v >> log2_side << log2_side), log2_side }
+            };
+            (regions.into_iter().map(square).collect(), near)
+        }
+    };
+    let resident = map.preload()?;
     let mut tally = LayersTally::default();
-    let squares = across * across;
-    let count = sample.map_or(squares, |n| n.div_ceil(1 << (2 * log2_side)).min(squares));
-    for i in 0..count {
+    for square in squares {
         if !go_on() {
             return Err(Failure::interrupted());
         }
-        // evenly over the map
-        let i = (u128::from(i) * u128::from(squares) / u128::from(count)) as u64;
-        let square = Square { origin: [i % across, i / across].map(|v| (v << log2_side) as u32), log2_side };
-        check(&layers, square, guard, &|x, y| map.value(x, y, 0), &mut tally)?;
+        check(&layers, square, guard, &|x, y| resident.value(x, y, 0), &mut tally)?;
     }
-    Ok(tally)
+    Ok((tally, near))
 }

@@ -25,9 +25,10 @@ pub struct Args {
     /// The scene or the .exr file it was baked from: proves that every stored value is right
     #[arg(long, value_name = "SCENE")]
     source: Option<String>,
-    /// Check this many texels instead of all: half in random squares, half near silhouettes and borders of leaves and
-    /// pages
-    #[arg(long, value_name = "N", requires = "source", allow_negative_numbers = true)]
+    /// Check this many texels instead of all: half in random squares, half near edges of triangles and borders of leaves
+    /// and pages
+    #[arg(long, value_name = "N", requires = "source", allow_negative_numbers = true,
+          value_parser = clap::value_parser!(u64).range(1..))]
     sample: Option<u64>,
     #[command(flatten)]
     layers: layers::LayerArgs,
@@ -49,6 +50,8 @@ struct Findings {
     faults: u64,
     summary: VerifySummary,
     structures: u32,
+    /// The source was given and not looked at, because the file itself has faults.
+    source_skipped: bool,
     promises: Vec<(String, &'static str)>,
     texels: u64,
     near: u64,
@@ -68,6 +71,17 @@ impl Findings {
         self.fault(e.to_string(), record(e));
     }
 
+    /// Holds what a light's record counts against the source.
+    fn counts(&mut self, name: &str, counts: [(&str, u64, u64); 2]) {
+        for (what, stored, found) in counts.into_iter().filter(|(_, stored, found)| stored != found) {
+            let text = format!("light '{name}': the file counts {stored} {what} texels, the source has {found}");
+            let record = json!({
+                "rule": null, "section": name, "offset": null, "expected": found, "found": stored, "message": text,
+            });
+            self.fault(text, record);
+        }
+    }
+
     fn ok(&self) -> bool {
         self.faults == 0 && self.violations == 0
     }
@@ -81,6 +95,7 @@ impl Findings {
                 "errors": self.faults, "structures": self.structures, "index_blocks": s.blocks, "pages": s.pages,
                 "pages_of_unsupported_kinds": s.unsupported,
             },
+            "source_skipped": self.source_skipped,
             "texels_checked": self.texels,
             "texels_near_borders": self.near,
             "violations": self.violations,
@@ -131,8 +146,13 @@ pub fn run(args: Args) -> Result<(), Failure> {
     if let (Some(option), false) = (args.layers.given(), from_layers) {
         return Err(Failure::new(USAGE, format!("{option} is for depth layers; give their .exr file with --source")));
     }
+    f.source_skipped = args.source.is_some() && f.faults > 0;
     if let (Some(source), 0) = (&args.source, f.faults) {
         let chosen = || container.structures().filter(|s| args.light.as_deref().is_none_or(|n| n == s.name()));
+        if from_layers && chosen().count() > 1 {
+            let message = "depth layers are of one light; say with --light which one they are";
+            return Err(Failure::new(USAGE, message));
+        }
         if from_layers {
             chosen().try_for_each(|s| certify_layers(s, source, &args, &mut f))?;
         } else if let Some(s) = chosen().find(|s| s.record().is_from_layers()) {
@@ -159,7 +179,10 @@ fn tell(f: &Findings) -> Result<(), Failure> {
     if f.faults > f.told.len() as u64 {
         line(&format!("... and {} more", f.faults - f.told.len() as u64))?;
     }
-    line(&format!("{} pages hold every rule of the format: {}", f.summary.pages, f.faults == 0))?;
+    line(&format!("{} pages hold every rule of the format: {}", f.summary.pages, f.summary.faults == 0))?;
+    if f.source_skipped {
+        line("the source was not looked at, because the file itself has faults")?;
+    }
     if f.summary.unsupported > 0 {
         line(&format!(
             "{} pages are of kinds that this version checks no further than the frame",
@@ -198,6 +221,8 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
     let resident = map.preload()?;
     let oracle = Oracle::new(&snapped).with_guard(map.structure().record().depth_guard.get());
     let side = map.resolution();
+    let whole = u64::from(side) * u64::from(side);
+    let sample = sample.filter(|n| *n < whole);
     let (regions, near) = match sample {
         None => {
             let height = side.min(512);
@@ -209,7 +234,7 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
                 |p| map.structure().page_record(p).ok().map(|r| ([r.origin_x.get(), r.origin_y.get()], r.log2_x));
             let leaf = |x, y| map.texel(x, y, 0).ok().map(|a| a.level);
             sample::regions(
-                &snapped,
+                Some(&snapped),
                 side,
                 n,
                 &Borders { pages: map.structure().page_count(), page: &page, leaf: &leaf },
@@ -221,15 +246,7 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
     f.near += near;
     f.violations += t.wrong;
     if sample.is_none() {
-        for (what, stored, found) in [("edge", edge, t.edge()), ("thin", thin, t.thin)] {
-            if stored != found {
-                let text = format!("light '{name}': the file counts {stored} {what} texels, the source has {found}");
-                let record = json!({
-                    "rule": null, "section": name, "offset": null, "expected": found, "found": stored, "message": text,
-                });
-                f.fault(text, record);
-            }
-        }
+        f.counts(&name, [("edge", edge, t.edge()), ("thin", thin, t.thin)]);
     }
     let example = |[x, y]: [u32; 2]| {
         let truth = oracle.texel(x, y);
@@ -249,8 +266,13 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
 
 /// Holds the stored values of one light against the depth layers it was baked from.
 fn certify_layers(s: Structure, source: &str, args: &Args, f: &mut Findings) -> Result<(), Failure> {
-    let name = s.name().to_string();
-    let t = layers::verify(source, &args.layers, s, args.sample)?;
+    let (name, r) = (s.name().to_string(), *s.record());
+    let (t, near) = layers::verify(source, &args.layers, s, args.sample)?;
+    let whole = 1u64 << (2 * r.log2_resolution);
+    if near == 0 {
+        f.counts(&name, [("edge", r.edge_texels.get(), whole), ("thin", r.thin_texels.get(), t.thin)]);
+    }
+    f.near += near;
     f.texels += t.texels;
     f.violations += t.wrong;
     let example = |e: &umbrage::certify::layers::Fault| {
@@ -260,7 +282,7 @@ fn certify_layers(s: Structure, source: &str, args: &Args, f: &mut Findings) -> 
         })
     };
     f.lights.push(json!({
-        "name": name, "texels": t.texels, "near_borders": 0, "violations": t.wrong, "certified": 0,
+        "name": name, "texels": t.texels, "near_borders": near, "violations": t.wrong, "certified": 0,
         "edge": t.texels, "thin": t.thin, "examples": t.examples.iter().map(example).collect::<Vec<_>>(),
     }));
     Ok(())

@@ -25,8 +25,9 @@ impl Iterator for Shares {
 }
 
 /// Runs the command to its end once, then kills it again and again at moments spread over that time and a little more.
-/// The target must be one of two files each time; how often it was the new one is returned.
-fn kill_again_and_again(place: &Place, old: &str, args: &[&str], target: &str, seed: u32) -> u32 {
+/// The target must be one of two files each time. Returned: how often it was the new one, and how often a kill came
+/// while the file was being written.
+fn kill_again_and_again(place: &Place, old: &str, args: &[&str], target: &str, seed: u32) -> [u32; 2] {
     let path = place.0.join(target);
     let before = fs::read(place.0.join(old)).unwrap();
     let start = Instant::now();
@@ -34,7 +35,7 @@ fn kill_again_and_again(place: &Place, old: &str, args: &[&str], target: &str, s
     let whole = start.elapsed();
     let after = fs::read(&path).unwrap();
     assert_ne!(before, after);
-    let mut new = 0;
+    let (mut new, mut caught) = (0, 0);
     for share in Shares(seed).take(kills() as usize) {
         fs::write(&path, &before).unwrap();
         let mut child = place.command(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -50,18 +51,20 @@ fn kill_again_and_again(place: &Place, old: &str, args: &[&str], target: &str, s
             if name.ends_with(".tmp") {
                 assert!(name.starts_with(&format!(".{target}.")), "{name}");
                 fs::remove_file(place.0.join(name)).unwrap();
+                caught += 1;
             }
         }
     }
     place.fine(&["verify", target]);
-    new
+    [new, caught]
 }
 
 #[test]
 fn a_killed_bake_leaves_the_old_file_or_the_new_one() {
     let place = Place::baked("kill-bake");
     let args = ["bake", CITY, "--light", SUN, "--resolution", "1024", "-o", "map.umb"];
-    kill_again_and_again(&place, "scan.umb", &args, "map.umb", 1);
+    let [new, caught] = kill_again_and_again(&place, "scan.umb", &args, "map.umb", 1);
+    assert!(new < kills(), "{new} {caught}");
 }
 
 #[test]
@@ -70,7 +73,10 @@ fn a_killed_merge_leaves_the_old_file_or_the_new_one() {
     for (file, light) in [("a.umb", "morning=dir:0.4,-0.8,0.3"), ("b.umb", "noon=dir:0.1,-0.9,0.2")] {
         place.fine(&["bake", CITY, "-o", file, "--light", light, "--resolution", "2048"]);
     }
-    kill_again_and_again(&place, "scan.umb", &["merge", "a.umb", "b.umb", "-o", "map.umb"], "map.umb", 2);
+    let args = ["merge", "a.umb", "b.umb", "-o", "map.umb"];
+    // some kills must come while it writes
+    let mut rounds = (2..12).map(|seed| kill_again_and_again(&place, "scan.umb", &args, "map.umb", seed));
+    assert!(rounds.any(|[_, caught]| caught > 0));
 }
 
 #[test]

@@ -395,7 +395,10 @@ fn the_command_line_bakes_verifies_and_shows_layers() {
     ];
     for args in all {
         let said = place.fine(&[&["verify"], args].concat());
-        assert!(said.contains("4096 texels held against") && said.contains(" 0 stored values outside"), "{said}");
+        // a sample is two squares here, one of them near borders
+        let texels = if args.contains(&"--sample") { "4352" } else { "4096" };
+        let held = format!(" {texels} texels held against");
+        assert!(said.contains(&held) && said.contains(" 0 stored values outside"), "{said}");
     }
     let out = place.run(&["verify", "b.umb", "--source", "first.exr", "--second", "first.exr"]);
     assert_eq!(out.status.code(), Some(1), "{out:?}");

@@ -173,6 +173,12 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
                     memory_error(options.memory_bytes.unwrap_or(0), "the geometry with the tree so far", needed)
                 }
             })?;
+        if options.lights.len() > 1 {
+            tree.spool.put_aside();
+            if let Some(e) = tree.spool.failed() {
+                return Err(e.into());
+            }
+        }
         seconds.build += start.elapsed().as_secs_f64();
         let record = structure(mesh, light, options, &snapped, &tree, error)?;
         let report = LightReport {

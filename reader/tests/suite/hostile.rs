@@ -197,6 +197,7 @@ const BREACHES: &[(&str, Breach)] = &[
     ("structure.resolution", Put(STRUCTURE + 291, 25)),
     ("structure.resolution", Put(STRUCTURE + 292, 46)),
     ("structure.light", Put(STRUCTURE + 160 + 7, 0x40)),
+    ("structure.guard", Put(STRUCTURE + 192 + 7, 0x40)),
     ("structure.parameter", Put(STRUCTURE + 264, 3)),
     ("structure.parameter", Put(STRUCTURE + 200, 1)),
     ("structure.reserved", Put(STRUCTURE + 300, 1)),

@@ -59,7 +59,7 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
     let root = &r.root_page;
     let texel = |row: [f64; 4]| {
         let steps = (row[0] * row[0] + row[1] * row[1] + row[2] * row[2]).sqrt();
-        f64::from(1u32 << l.subtexel_bits) / steps
+        2f64.powi(l.subtexel_bits.into()) / steps
     };
     let depth = l.world_to_lattice[2];
     Ok(json!({

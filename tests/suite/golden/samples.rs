@@ -136,6 +136,9 @@ const ROWS: &[Row] = &[
     ("structure.transform", "example", Structure(0, "world_to_lattice"), &SINGULAR, Records),
     ("structure.light", "example", Structure(0, "light_direction"), &[0, 0, 0, 0, 0, 0, 0x60, 0x3F], Records),
     ("structure.light", "example", Structure(0, "light_direction"), &[0, 0, 0, 0, 0, 0, 0xE0, 0x7F], Records),
+    // 2 without a guard, and a negative error
+    ("structure.guard", "example", Structure(0, "transform_error"), &[0, 0, 0, 0, 0, 0, 0, 0x40], Records),
+    ("structure.guard", "example", Structure(0, "transform_error"), &[0, 0, 0, 0, 0, 0, 0, 0xC0], Records),
     ("structure.parameter", "example", Structure(0, "policy"), &[3], Records),
     ("structure.parameter", "example", Structure(0, "policy_parameter"), &[1], Records),
     ("structure.reserved", "example", Structure(0, "reserved0"), &[1], Records),

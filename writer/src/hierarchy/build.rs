@@ -6,11 +6,11 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use crate::interval::Interval;
 use crate::interval::proof::Prover;
 use crate::interval::ray::Rays;
 use crate::interval::texel::{Effort, Scratch, is_open, texel};
 use crate::interval::triangle::{Cover, Local, Surface, surfaces};
+use crate::interval::{Interval, wide};
 use crate::solid::SnappedMesh;
 
 use super::mh::{self, Node};
@@ -231,6 +231,8 @@ impl Context<'_> {
         let size = 1i64 << (at.level + self.subtexel_bits);
         let locals: Vec<Local> =
             list.iter().map(|i| self.surfaces[*i as usize].local(*i, corner[0], corner[1], size)).collect();
+        let held = (size_of::<Local>() * locals.capacity()) as u64;
+        self.progress.groups.fetch_add(held, Ordering::Relaxed);
         let rays = Rays { surfaces: self.surfaces, locals: &locals, corner, second_surface: self.second_surface };
         let mut tile = Tile {
             cx: self,
@@ -245,6 +247,7 @@ impl Context<'_> {
         let node = tile.forest.compact(node);
         let mut counts = tile.counts;
         counts.effort = tile.scratch.effort;
+        self.progress.release(held);
         Part { forest: tile.forest, node, counts }
     }
 }
@@ -284,14 +287,15 @@ impl Tile<'_> {
         }
         if at.level == 0 {
             self.counts.texels_evaluated += 1;
-            let truth = texel(&self.rays, list, p, size, &mut self.scratch);
+            let truth = texel(&self.rays, list, p, size, wide(self.cx.guard), &mut self.scratch);
             self.counts.edge_texels += u64::from(!truth.certified);
             self.counts.thin_texels += u64::from(truth.thin);
             return Node::guarded(truth.interval, self.cx.guard);
         }
         if !self.cx.exhaustive && list.len() <= PROOF_LIST {
             let proven = self.prover.prove(self.rays.locals, list, p, size, self.cx.second_surface, false);
-            if let Some(interval) = proven {
+            // a narrow proof may be part of a wide interval, whose value keeps the guard
+            if let Some(interval) = proven.filter(|i| i.width() >= wide(self.cx.guard)) {
                 return Node::guarded(interval, self.cx.guard);
             }
         }

@@ -1,8 +1,8 @@
 //! Finished pages on their way to the container: in memory while they are few, then in a file without a name.
 //!
 //! Pages are handed in as they are cut, in any order and from any thread, and come out from the root down, level by
-//! level, which is the same order whatever the threads did. For each page 9 bytes stay in memory, and for each page of
-//! the widest level 8 more while they come out.
+//! level, which is the same order whatever the threads did. For each page its place and its types stay in memory, and for
+//! each page of the widest level a place in a queue while they come out.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -77,6 +77,17 @@ impl Spool {
             inner.failed.get_or_insert(e);
         }
         number
+    }
+
+    /// Puts all pages into the file, so that only their places stay in memory.
+    pub fn put_aside(&self) {
+        let mut inner = self.inner();
+        if let Some(target) = &self.target
+            && let Err(e) = inner.spill(target)
+        {
+            inner.failed.get_or_insert(e);
+        }
+        inner.memory.shrink_to_fit();
     }
 
     /// Types of a page's root group.
@@ -260,6 +271,9 @@ mod tests {
             let (root, drafts) = fill(&spool);
             assert_eq!((spool.len(), spool.nodes(), spool.has_failed()), (40, [40, 80, 820], false));
             assert_eq!(spool.mask(root), drafts[0].root_mask);
+            if root % 2 == 1 {
+                spool.put_aside();
+            }
             assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 0, "the file has no name");
             let mut next = 1;
             for (n, (page, draft)) in spool.pages(root).map(Result::unwrap).zip(&drafts).enumerate() {

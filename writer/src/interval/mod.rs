@@ -49,11 +49,17 @@ impl Interval {
         (min <= max).then_some(Interval { min, max })
     }
 
+    /// Distance of the ends.
+    #[inline]
+    pub fn width(self) -> u64 {
+        u64::from(self.max - self.min)
+    }
+
     /// Without what lies closer than `guard` to an end, where it is at least four times that wide; so rounding of a
     /// receiver's depth by less than `guard` changes no answer.
     #[inline]
     pub fn guarded(self, guard: u32) -> Interval {
-        if self == Interval::UNCOVERED || u64::from(self.max - self.min) < 4 * u64::from(guard) {
+        if self == Interval::UNCOVERED || self.width() < wide(guard) {
             return self;
         }
         Interval { min: self.min + guard, max: self.max - guard }
@@ -64,6 +70,12 @@ impl Interval {
     pub fn middle(self) -> u32 {
         self.min + (self.max - self.min) / 2
     }
+}
+
+/// The least width of an interval whose value keeps the guard.
+#[inline]
+pub fn wide(guard: u32) -> u64 {
+    4 * u64::from(guard)
 }
 
 /// Largest depth that a scene's surfaces may answer.

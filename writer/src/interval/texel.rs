@@ -115,12 +115,14 @@ fn layered(rays: &Rays, list: &[u32], p: [i64; 2], size: i64) -> bool {
 }
 
 /// The truth for the texel at tile-relative lattice point `p`; `list` holds the surfaces that overlap its open square,
-/// sorted by solid.
-pub fn texel(rays: &Rays, list: &[u32], p: [i64; 2], size: i64, scratch: &mut Scratch) -> Truth {
+/// sorted by solid. An interval narrower than `wide` is the whole truth; a wider one may be a proven part of it.
+pub fn texel(rays: &Rays, list: &[u32], p: [i64; 2], size: i64, wide: u64, scratch: &mut Scratch) -> Truth {
     if is_open(rays.locals, list) {
         return Truth { interval: Interval::UNCOVERED, certified: true, thin: false };
     }
-    if let Some(interval) = scratch.prover.prove(rays.locals, list, p, size, rays.second_surface, false) {
+    if let Some(interval) = scratch.prover.prove(rays.locals, list, p, size, rays.second_surface, false)
+        && interval.width() >= wide
+    {
         scratch.effort.proven += 1;
         return Truth { interval, certified: true, thin: false };
     }
@@ -147,6 +149,16 @@ pub fn texel(rays: &Rays, list: &[u32], p: [i64; 2], size: i64, scratch: &mut Sc
                 Settled::Edge | Settled::Unclear => None,
             },
         }
+    };
+    let area = match area {
+        Some(proven) if proven.width() < wide => {
+            let square = Square { p, size, texel: size };
+            match settle(rays, list, square, &mut bounds, true, scratch) {
+                Settled::Right(_) => Some(Interval { min: bounds.lo as u32, max: (bounds.hi - 1) as u32 }),
+                Settled::Edge | Settled::Unclear => Some(proven),
+            }
+        }
+        area => area,
     };
     match area {
         Some(interval) => Truth { interval, certified: true, thin: false },

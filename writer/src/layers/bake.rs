@@ -90,6 +90,12 @@ pub fn bake_layers(
         let lattice = layers.lattice();
         let error = frame::transform_error(&lattice, projection::bound(&lattice));
         let tree = build(&layers, guard(error), spool(target, left), progress).map_err(|e| stopped(e, held))?;
+        if sources.len() > 1 {
+            tree.spool.put_aside();
+            if let Some(e) = tree.spool.failed() {
+                return Err(BakeError::from(e).into());
+            }
+        }
         seconds.build += start.elapsed().as_secs_f64();
         let report = LayersReport {
             name: source.name().to_string(),

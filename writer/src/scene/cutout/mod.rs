@@ -297,7 +297,8 @@ fn spread_wide(field: &Field, corners: [Corner; 3], legs: [f64; 2]) -> Result<Cu
         fixed.get(&at).copied().unwrap_or_else(inside)
     };
     let chords: Vec<[u32; 2]> = chords.iter().map(|c| c.map(&mut number)).collect();
-    Ok(Cut::Pieces(triangulate(points, &rim, &chords)))
+    // a triangle that can't be cut stays whole: no light where there was none
+    Ok(triangulate(points, &rim, &chords).map_or(Cut::Whole, Cut::Pieces))
 }
 
 /// Cuts a triangle whose texture coordinates lie on a line or in a point: straight between marks on its edges.
@@ -328,7 +329,8 @@ fn flat(field: &Field, corners: [Corner; 3]) -> Result<Cut, usize> {
         chord.map(|i| rim[i].0)
     });
     let chords: Vec<[u32; 2]> = chords.collect();
-    Ok(Cut::Pieces(triangulate(points, &rim, &chords)))
+    // a triangle that can't be cut stays whole: no light where there was none
+    Ok(triangulate(points, &rim, &chords).map_or(Cut::Whole, Cut::Pieces))
 }
 
 /// The mesh with every masked triangle (index and job, rising) replaced.

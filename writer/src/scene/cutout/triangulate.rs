@@ -97,13 +97,13 @@ fn weighted([second, third]: [f64; 2]) -> [f64; 3] {
 
 /// The solid part: `rim` is the way around the triangle, each point with whether it is solid from there to the next;
 /// `chords` have solid on their left.
-pub fn triangulate(points: Points, rim: &[(u32, bool)], chords: &[[u32; 2]]) -> Pieces {
+/// None where the library refuses a coordinate.
+pub fn triangulate(points: Points, rim: &[(u32, bool)], chords: &[[u32; 2]]) -> Option<Pieces> {
     let vertex = |i: u32| FixedVertexHandle::from_index(i as usize);
-    // Every coordinate is 0 or between 2^-44 and 2^64, and no two points are alike: nothing is refused.
+    // Every coordinate is 0 or between 2^-44 and 2^64, and no two points are alike: nothing should be refused.
     let scale = points.scale;
-    let Ok(mut mesh) = ConstrainedDelaunayTriangulation::<Point>::bulk_load_cdt(points.list, Vec::new()) else {
-        return Pieces::default();
-    };
+    let made = ConstrainedDelaunayTriangulation::<Point>::bulk_load_cdt(points.list, Vec::new());
+    let mut mesh = made.ok()?;
     let whole = mesh.num_vertices();
     let mut parts: Vec<Vec<FixedDirectedEdgeHandle>> = chords.iter().map(|c| constrain(&mut mesh, *c, scale)).collect();
     if mesh.num_vertices() > whole {
@@ -141,7 +141,7 @@ pub fn triangulate(points: Points, rim: &[(u32, bool)], chords: &[[u32; 2]]) -> 
         });
         pieces.triangles.push(triangle);
     }
-    pieces
+    Some(pieces)
 }
 
 /// Edges along a chord. Chords that cross, as rounding and joining may bring about, get a point there.
