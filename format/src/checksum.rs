@@ -54,13 +54,19 @@ pub fn content_hash(bytes: &[u8]) -> u64 {
     xxhash_rust::xxh3::xxh3_64(bytes)
 }
 
+/// What a CRC is bound to, as bytes.
+#[derive(zerocopy::IntoBytes, zerocopy::Immutable)]
+#[repr(C)]
+struct Bound<const N: usize> {
+    id: FileId,
+    numbers: [[u8; 4]; N],
+}
+
 /// One short update for the id and the numbers: pages may be as short.
 fn bound<const N: usize>(id: &FileId, numbers: &[u32; N], bytes: &[u8]) -> u32 {
-    let mut head = [0; 24];
-    let parts = id.iter().copied().chain(numbers.iter().flat_map(|n| n.to_le_bytes()));
-    head.iter_mut().zip(parts).for_each(|(to, from)| *to = from);
+    let head = Bound { id: *id, numbers: numbers.map(u32::to_le_bytes) };
     let mut h = crc32fast::Hasher::new();
-    h.update(head.get(..id.len() + 4 * N).unwrap_or_default());
+    h.update(zerocopy::IntoBytes::as_bytes(&head));
     h.update(bytes);
     h.finalize()
 }

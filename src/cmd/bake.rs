@@ -61,6 +61,9 @@ pub struct LightArg {
 
 /// `NAME=dir:X,Y,Z` or `NAME`
 fn parse_light(s: &str) -> Result<LightArg, String> {
+    if s.chars().any(char::is_control) {
+        return Err(format!("expected a name that can be printed in a line, found {s:?}"));
+    }
     if !s.is_empty() && !s.contains(['=', ':', ',']) {
         return Ok(LightArg { name: s.to_string(), direction: None });
     }
@@ -153,6 +156,12 @@ pub fn run(args: Args) -> Result<(), Failure> {
             "  components: {} closed ({} turned inside out, {} cavities), {} open with {} boundary edges",
             k.closed, k.flipped, k.cavities, k.open, k.boundary_edges
         ))?;
+        if k.open > 0 && matches!(options.policy, Policy::Auto | Policy::OneSided) {
+            line(
+                "  open ones are sheets without thickness: shadows near them need a bias; --policy second-surface is \
+                 right on the scene's own surfaces, --policy thickness:T for walls at least T thick",
+            )?;
+        }
     }
     line(&format!(
         "{} in {total:.1} s (load {load:.1}, snap {:.1}, build {:.1}, write {:.1}), peak memory {}",

@@ -112,6 +112,15 @@ pub enum SolidError {
     /// No triangles.
     #[error("the scene has no triangles; give one that has surfaces")]
     Empty,
+    /// No triangle has an area.
+    #[error(
+        "the scene has no surface: none of its {triangles} triangles has an area on the lattice; check the export, or \
+         raise --resolution"
+    )]
+    Flat {
+        /// Triangles of the mesh.
+        triangles: usize,
+    },
     /// A vertex is not a number.
     #[error("vertex {index}: expected finite coordinates, found {found:?}; repair the mesh")]
     Vertex {
@@ -132,7 +141,7 @@ pub enum SolidError {
     },
     /// Policy closed on open geometry.
     #[error(
-        "policy closed: expected every component to be closed, found {open} open ones with {edges} boundary edges; use --policy auto or thickness:T"
+        "policy closed: expected every component to be closed, found {open} open ones with {edges} boundary edges; use --policy second-surface, auto or thickness:T"
     )]
     Open {
         /// Open components.
@@ -171,6 +180,9 @@ pub fn snap(mesh: &Mesh, lattice: Lattice, policy: Policy) -> Result<SnappedMesh
             triangles.push(w);
         }
     }
+    if !triangles.iter().any(|t| has_area(t.map(|k| positions[k as usize]))) {
+        return Err(SolidError::Flat { triangles: mesh.triangles.len() });
+    }
     let mut found = Components { collapsed: mesh.triangles.len() - triangles.len(), ..Default::default() };
     let (component, boundary) = components(&triangles);
     let count = boundary.len();
@@ -208,6 +220,12 @@ pub fn snap(mesh: &Mesh, lattice: Lattice, policy: Policy) -> Result<SnappedMesh
         displacement,
         components: found,
     })
+}
+
+/// Whether the corners are not in one line.
+fn has_area(v: [[i64; 3]; 3]) -> bool {
+    let [a, b] = [1, 2].map(|k| [0, 1, 2].map(|i| i128::from(v[k][i] - v[0][i])));
+    (0..3).any(|i| a[i] * b[(i + 1) % 3] != a[(i + 1) % 3] * b[i])
 }
 
 /// Rounds to the lattice and gives equal positions one index.
@@ -504,6 +522,14 @@ mod tests {
     #[test]
     fn broken_meshes_are_refused() {
         assert_eq!(snapped(&[], Policy::Auto).unwrap_err(), SolidError::Empty);
+        let mut line = cube([0.0; 3], 1.0, false);
+        line.positions = vec![[0.0; 3], [1.0; 3], [2.0; 3]];
+        for triangles in [vec![[0, 1, 2]; 5], vec![[0, 1, 1], [2, 2, 2]]] {
+            let count = triangles.len();
+            line.triangles = triangles;
+            let found = snapped(std::slice::from_ref(&line), Policy::Auto).unwrap_err();
+            assert_eq!(found, SolidError::Flat { triangles: count });
+        }
         let mut m = cube([0.0; 3], 1.0, false);
         m.triangles[3][1] = 99;
         assert!(matches!(check_mesh(&m), Err(SolidError::Index { triangle: 3, .. })));

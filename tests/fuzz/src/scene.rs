@@ -38,7 +38,10 @@ fn bake(mesh: &Mesh) {
         Err(e) => return one_line("frame", &e.to_string()),
     };
     for policy in [Policy::Auto, Policy::SecondSurface] {
-        let snapped = snap(mesh, lattice, policy).expect("a sound mesh");
+        let snapped = match snap(mesh, lattice, policy) {
+            Ok(snapped) => snapped,
+            Err(e) => return one_line("snap", &e.to_string()),
+        };
         build(&snapped, Options::default(), Spool::in_memory(), &Progress::default()).expect("nobody cancels");
     }
 }
