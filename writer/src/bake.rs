@@ -360,7 +360,8 @@ fn structure(
     Ok(r)
 }
 
-pub(crate) fn input(page: Page, root: bool) -> PageInput {
+/// A finished page as the container takes it; `root` where its root group is the root node of the map.
+pub fn input(page: Page, root: bool) -> PageInput {
     let (min, max) = page.depths();
     let stop = page.stop_error();
     let mut d = page.draft;

@@ -4,10 +4,10 @@
 
 use std::sync::Arc;
 
-use umbrage_format::page::FrameHead;
-use umbrage_format::{Kind, PageRecord};
+use umbrage_format::Kind;
 use umbrage_reader::query::mh::MhMap;
 use umbrage_reader::{Container, FileSource, Limits, MemorySource};
+use umbrage_writer::bake;
 use umbrage_writer::container::{ContainerOptions, ContainerWriter, PageInput};
 use umbrage_writer::hierarchy::mh::{Node, merge, representative};
 use umbrage_writer::hierarchy::page::{At, COARSE_DEPTH, Forest, Page};
@@ -100,27 +100,6 @@ impl Image {
         }
         node
     }
-}
-
-fn page_input(page: &Page, root: bool) -> PageInput {
-    let ((min, max), d) = (page.depths(), &page.draft);
-    let head = FrameHead {
-        tag: Kind::Mh.tag(),
-        root_mask: d.root_mask.0,
-        child_refs: d.refs.len() as u16,
-        words: d.words.len() as u16,
-        root_level: d.root_level,
-    };
-    let mut words = d.words.clone();
-    words[..2].copy_from_slice(&head.encode());
-    let mut record = PageRecord::zeroed();
-    let side = if root { d.root_level } else { d.root_level + 1 };
-    (record.origin_x, record.origin_y) = (d.origin[0].into(), d.origin[1].into());
-    (record.log2_x, record.log2_y) = (side, side);
-    (record.level_finest, record.level_coarsest) = (d.finest, d.root_level);
-    (record.min_depth, record.max_depth) = (min.into(), max.into());
-    record.stop_error = page.stop_error().into();
-    PageInput { words, record, dependencies: Vec::new() }
 }
 
 /// Writes the pages, reads them back from memory and from the file, and asks everything.
@@ -223,7 +202,7 @@ pub fn run(data: &[u8]) {
     let node = image.build(At { level: log2, origin: [0, 0] }, mode & 2 == 0, &mut forest, &spool);
     let root = forest.finish(node, log2, &spool);
     let pages: Vec<Page> = spool.pages(root).map(|p| p.expect("what was put aside")).collect();
-    let inputs: Vec<_> = pages.iter().enumerate().map(|(i, p)| page_input(p, i == 0)).collect();
+    let inputs: Vec<_> = pages.iter().enumerate().map(|(i, p)| bake::input(p.clone(), i == 0)).collect();
     let expected = |x: u32, y: u32, l: u8| values[usize::from(l)][((y >> l << (log2 - l)) + (x >> l)) as usize];
     let map = compare(log2, &inputs, expected);
     for (i, (want, stored)) in image.texels.iter().zip(&values[0]).enumerate() {

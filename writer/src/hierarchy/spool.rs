@@ -267,12 +267,16 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("umbrage-spool-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let target = folder.join("a.umb");
-        for spool in [Spool::in_memory()].into_iter().chain([0, 1000, 1 << 20].map(|m| Spool::beside(&target, m))) {
+        let beside = |m| Spool::beside(&target, m);
+        // all in memory; all, some and none in the file; and the rest put aside at the end
+        let spools = [Spool::in_memory(), beside(0), beside(1000), beside(1 << 20), beside(1000), beside(1 << 20)];
+        for (i, spool) in spools.into_iter().enumerate() {
             let (root, drafts) = fill(&spool);
             assert_eq!((spool.len(), spool.nodes(), spool.has_failed()), (40, [40, 80, 820], false));
             assert_eq!(spool.mask(root), drafts[0].root_mask);
-            if root % 2 == 1 {
+            if i >= 4 {
                 spool.put_aside();
+                assert_eq!(spool.inner().memory.len(), 0);
             }
             assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 0, "the file has no name");
             let mut next = 1;
