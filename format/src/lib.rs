@@ -11,9 +11,12 @@
 //! - [`checksum`], [`error`], [`record`]: the CRCs, the rules and their errors, the tables of fields;
 //! - [`projection`]: how a point of the world becomes a point of the light-space lattice.
 //!
-//! Nothing here reads files or allocates; bytes come in, checked views and errors go out.
+//! Nothing here reads files; bytes come in, checked views and errors go out. Only [`kind::vector`] allocates: for the
+//! squares of a page's groups while it is checked, and where it lays out pages.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 #![forbid(unsafe_code)]
+
+extern crate alloc;
 
 pub mod checksum;
 pub mod error;

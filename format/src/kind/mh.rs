@@ -30,6 +30,8 @@
     clippy::cast_possible_truncation
 )]
 
+pub use super::PageCounts;
+use super::{check_announced, check_place};
 use crate::error::{FormatError, Rule, Value};
 use crate::page::{FRAME_WORDS, FrameHead, PageContext};
 
@@ -177,23 +179,6 @@ pub const fn child_of(x: u32, y: u32, level: u8) -> u32 {
     (x >> (level & 31) & 1) | (y >> (level & 31) & 1) << 1
 }
 
-/// What a page holds, counted by [`check`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PageCounts {
-    /// Leaf nodes.
-    pub leaves: u32,
-    /// Inner nodes.
-    pub inner: u32,
-    /// Empty nodes.
-    pub empty: u32,
-    /// Smallest value; `u32::MAX` where there is none.
-    pub min: u32,
-    /// Largest value; 0 where there is none.
-    pub max: u32,
-    /// Finest level of a node.
-    pub level_finest: u8,
-}
-
 /// Most words of a page, as bits.
 const MAP: usize = crate::index::MAX_PAGE_WORDS as usize / 32;
 /// Enough for an ordinary page: clearing the largest maps takes longer than checking a small page.
@@ -249,25 +234,7 @@ pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<Pag
 fn check_in<const MAP: usize>(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<PageCounts, FormatError> {
     let mask = Mask(head.root_mask);
     let number = |v: u32| Value::Number(v.into());
-    if cx.page.is_flat() || cx.page.is_shared() || cx.page.dep_count.get() != 0 {
-        let found = Value::Text("a flat or shared page, or dependencies");
-        return Err(cx.fault(Rule::MhPlain, 0, Value::Text("a page of the tree"), found));
-    }
-    if cx.is_root() {
-        let full = mask.0 == NodeType::Leaf as u8 || mask.0 == NodeType::Inner as u8;
-        if !full || head.root_level != cx.record.log2_resolution {
-            let expected = Value::Text("one leaf or inner node of the whole map");
-            return Err(cx.fault(Rule::MhRoot, 0, expected, Value::Hex(mask.0.into())));
-        }
-    } else if mask.0 == 0 || head.root_level >= cx.record.log2_resolution {
-        let expected = Value::Text("a group of nodes below the root");
-        return Err(cx.fault(Rule::MhRoot, 0, expected, Value::Hex(mask.0.into())));
-    }
-    // A root group spans twice its nodes' side; the root node is the whole map.
-    let side = if cx.is_root() { head.root_level } else { head.root_level.saturating_add(1) };
-    if (cx.page.log2_x, cx.page.log2_y, cx.page.log2_l, cx.page.origin_l.get()) != (side, side, 0, 0) {
-        return Err(cx.fault(Rule::MhFootprint, 1, number(side.into()), number(cx.page.log2_x.into())));
-    }
+    check_place(head, cx, [Rule::MhPlain, Rule::MhRoot, Rule::MhFootprint])?;
     let mut counts = PageCounts { min: u32::MAX, level_finest: head.root_level, ..PageCounts::default() };
     let mut words = [0u32; MAP];
     let mut refs = [0u32; MAP];
@@ -326,12 +293,7 @@ fn check_in<const MAP: usize>(page: &[u32], head: &FrameHead, cx: &PageContext<'
                 counts.min = counts.min.min(value);
                 counts.max = counts.max.max(value);
             }
-            match kind {
-                NodeType::None => {}
-                NodeType::Leaf => counts.leaves += 1,
-                NodeType::Inner => counts.inner += 1,
-                NodeType::Empty => counts.empty += 1,
-            }
+            counts.add(kind);
             if !kind.has_children() {
                 continue;
             }
@@ -392,12 +354,7 @@ fn check_in<const MAP: usize>(page: &[u32], head: &FrameHead, cx: &PageContext<'
         let (expected, found) = (number(cx.page.level_finest.into()), number(counts.level_finest.into()));
         return Err(cx.fault(Rule::MhLevels, 0, expected, found));
     }
-    let (min, max) = (cx.page.min_depth.get(), cx.page.max_depth.get());
-    let valued = counts.leaves + counts.inner != 0;
-    if valued && (counts.min < min || counts.max > max) {
-        let out = if counts.min < min { counts.min } else { counts.max };
-        return Err(cx.fault(Rule::MhValues, 0, Value::Between(min.into(), max.into()), number(out)));
-    }
+    counts.check_values(cx, Rule::MhValues)?;
     Ok(counts)
 }
 
@@ -486,19 +443,8 @@ pub fn check_link(link: &Link, head: &FrameHead, cx: &PageContext<'_>) -> Result
         (link.y.into(), cx.page.origin_y.get().into()),
         (link.root.into(), cx.page.root.get().into()),
     ];
-    if let Some((expected, found)) = pairs.into_iter().find(|(expected, found)| expected != found) {
-        return Err(cx.fault(Rule::MhLink, 0, Value::Number(expected), Value::Number(found)));
-    }
-    let (min, max) = (cx.page.min_depth.get(), cx.page.max_depth.get());
-    let (lowest, highest) = link.depths;
-    if min < lowest || max > highest {
-        let (expected, out) = (Value::Between(lowest.into(), highest.into()), if min < lowest { min } else { max });
-        return Err(cx.fault(Rule::MhDepths, 0, expected, Value::Number(out.into())));
-    }
-    match link.inherited.filter(|v| link.mask.inherits() && !(min..=max).contains(v)) {
-        None => Ok(()),
-        Some(v) => Err(cx.fault(Rule::MhDepths, 0, Value::Between(min.into(), max.into()), Value::Number(v.into()))),
-    }
+    let inherited = link.inherited.filter(|_| link.mask.inherits()).map(|v| (v, v));
+    check_announced(&pairs, link.depths, inherited, cx, [Rule::MhLink, Rule::MhDepths])
 }
 
 #[cfg(test)]
