@@ -27,7 +27,7 @@ pub struct Args {
     #[arg(long, allow_negative_numbers = true)]
     resolution: Option<u64>,
     /// How texels are encoded
-    #[arg(long, default_value = "mh", value_parser = ["mh"])]
+    #[arg(long, default_value = "mh", value_parser = ["mh", "vector"])]
     kind: String,
     /// How depth intervals come from geometry: closed, one-sided, thickness:T, second-surface or auto
     #[arg(long, default_value = "auto")]
@@ -129,6 +129,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
         lights,
         resolution: args.resolution.unwrap_or(16384),
         policy: args.policy,
+        kind: if args.kind == "vector" { umbrage::format::Kind::Vector } else { umbrage::format::Kind::Mh },
         exhaustive: args.builder == "exhaustive",
         memory_bytes: args.memory.map(|m| m.saturating_mul(1 << 20)),
     };

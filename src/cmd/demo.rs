@@ -61,6 +61,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
         lights: vec![Light { name: "sun".to_string(), direction: DEMO_LIGHT }],
         resolution: args.resolution,
         policy: Policy::Closed,
+        kind: umbrage::format::Kind::Mh,
         exhaustive: false,
         memory_bytes: None,
     };

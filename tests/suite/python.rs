@@ -118,6 +118,7 @@ fn a_baked_file_answers_alike() {
         lights: vec![Light { name: "sun".to_string(), direction: [0.4, -0.8, 0.3] }],
         resolution: 1024,
         policy: Policy::Closed,
+        kind: umbrage::format::Kind::Mh,
         exhaustive: false,
         memory_bytes: None,
     };

@@ -114,6 +114,7 @@ fn a_direction_of_any_length_becomes_a_unit_vector() {
             lights: vec![Light { name: "sun".to_string(), direction }],
             resolution: 16,
             policy: Policy::Thickness(0.5),
+            kind: umbrage::format::Kind::Mh,
             exhaustive: false,
             memory_bytes: None,
         };

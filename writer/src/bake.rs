@@ -15,6 +15,7 @@ use crate::frame::{self, FrameError};
 use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree, build};
 use crate::hierarchy::page::Page;
 use crate::hierarchy::spool::Spool;
+use crate::hierarchy::vector;
 use crate::mesh::Mesh;
 use crate::solid::{self, Components, Policy, SnappedMesh, SolidError};
 
@@ -48,7 +49,9 @@ pub struct BakeOptions {
     pub resolution: u64,
     /// How depth intervals come from geometry.
     pub policy: Policy,
-    /// Ask every texel, also where a whole square is proven.
+    /// How texels are encoded: `mh` or `vector`.
+    pub kind: Kind,
+    /// Ask every texel, also where a whole square is proven. Of kind `mh` alone.
     pub exhaustive: bool,
     /// Most bytes that may be held at once, the mesh included; none: no limit.
     pub memory_bytes: Option<u64>,
@@ -164,8 +167,12 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
         progress.begin(left.unwrap_or(0));
         let spool = spool(target, left);
         let error = transform_error(mesh, &snapped.lattice);
-        let tree = build(&snapped, Options { exhaustive: options.exhaustive, guard: guard(error) }, spool, progress)
-            .map_err(|stop| match stop {
+        let how = Options { exhaustive: options.exhaustive, guard: guard(error) };
+        let tree = match options.kind {
+            Kind::Vector => vector::build::build(&snapped, how, spool, progress),
+            _ => build(&snapped, how, spool, progress),
+        };
+        let tree = tree.map_err(|stop| match stop {
                 Stop::Cancelled => BakeError::Cancelled,
                 Stop::Spool(e) => BakeError::Write(e),
                 Stop::Budget => {
@@ -219,12 +226,13 @@ pub(crate) fn write(
 ) -> Result<Written, BakeError> {
     let records = trees.iter().map(|t| t.0).collect();
     let mut writer = ContainerWriter::create(target, ContainerOptions::new(file_id), records)?;
-    for (_, tree) in trees {
+    for (record, tree) in trees {
+        let kind = record.kind().unwrap_or(Kind::Mh);
         for (ordinal, page) in tree.spool.pages(tree.root).enumerate() {
             if progress.cancel.load(Ordering::Relaxed) {
                 return Err(BakeError::Cancelled);
             }
-            writer.push(&input(page?, ordinal == 0))?;
+            writer.push(&input(page?, kind, ordinal == 0))?;
         }
     }
     Ok(writer.finish()?)
@@ -272,7 +280,7 @@ fn file_id(mesh: &Mesh, options: &BakeOptions) -> FileId {
     let (code, parameter) = policy_code(options.policy);
     number(code.into());
     number(parameter.to_bits());
-    number(u64::from(options.exhaustive));
+    number(u64::from(options.exhaustive) | u64::from(options.kind.code() - 1) << 1);
     number(options.lights.len() as u64);
     for l in &options.lights {
         number(l.name.len() as u64);
@@ -343,7 +351,7 @@ fn structure(
     let mut r = StructureRecord::zeroed();
     r.set_name(&light.name);
     r.set_lattice(&snapped.lattice);
-    r.kind = (Kind::Mh as u32).into();
+    r.kind = options.kind.code().into();
     r.projection = ORTHOGRAPHIC.into();
     r.light_direction = direction.map(f64::into);
     r.snap_displacement = snapped.displacement.into();
@@ -361,12 +369,12 @@ fn structure(
 }
 
 /// A finished page as the container takes it; `root` where its root group is the root node of the map.
-pub fn input(page: Page, root: bool) -> PageInput {
+pub fn input(page: Page, kind: Kind, root: bool) -> PageInput {
     let (min, max) = page.depths();
     let stop = page.stop_error();
     let mut d = page.draft;
     let head = FrameHead {
-        tag: Kind::Mh.tag(),
+        tag: kind.tag(),
         root_mask: d.root_mask.0,
         child_refs: d.refs.len() as u16,
         words: d.words.len() as u16,

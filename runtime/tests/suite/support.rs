@@ -38,6 +38,7 @@ pub fn city(path: &Path, resolution: u64) -> Vec<u8> {
         lights: vec![Light { name: "sun".into(), direction: [0.4, -1.0, 0.3] }],
         resolution,
         policy: Policy::Closed,
+        kind: umbrage_format::Kind::Mh,
         exhaustive: false,
         memory_bytes: None,
     };

@@ -80,6 +80,7 @@ impl Model {
             lights: vec![Light { name: "sun".to_string(), direction }],
             resolution,
             policy: self.policy,
+            kind: umbrage::format::Kind::Mh,
             exhaustive,
             memory_bytes: None,
         }

@@ -82,8 +82,18 @@ impl Progress {
 
     /// Counts what a finished part holds.
     pub(crate) fn hold(&self, forest: &Forest, spool: &Spool) {
-        self.groups.fetch_add(forest.bytes(), Ordering::Relaxed);
+        self.hold_bytes(forest.bytes(), spool);
+    }
+
+    /// Counts bytes that a finished part holds, and the pages.
+    pub(crate) fn hold_bytes(&self, bytes: u64, spool: &Spool) {
+        self.take(bytes);
         self.pages.store(spool.held(), Ordering::Relaxed);
+    }
+
+    /// Counts bytes in use.
+    pub(crate) fn take(&self, bytes: u64) {
+        self.groups.fetch_add(bytes, Ordering::Relaxed);
     }
 
     /// Takes back what parts held that went into another.
@@ -293,7 +303,7 @@ impl Tile<'_> {
             return Node::guarded(truth.interval, self.cx.guard);
         }
         if !self.cx.exhaustive && list.len() <= PROOF_LIST {
-            let proven = self.prover.prove(self.rays.locals, list, p, size, self.cx.second_surface, false);
+            let proven = self.prover.prove(&self.rays, list, p, size, self.cx.second_surface, false);
             // a narrow proof may be part of a wide interval, whose value keeps the guard
             if let Some(interval) = proven.filter(|i| i.width() >= wide(self.cx.guard)) {
                 return Node::guarded(interval, self.cx.guard);

@@ -9,3 +9,4 @@ pub mod layers;
 pub mod mh;
 pub mod page;
 pub mod spool;
+pub mod vector;

@@ -42,8 +42,9 @@ pub struct Draft {
 pub struct DraftRef {
     /// Which one.
     pub page: u32,
-    /// The value above it in this page; none where that lies further up.
-    pub inherited: Option<u32>,
+    /// What the node above it in this page answers over its footprint, smallest and largest; none where that node lies
+    /// further up.
+    pub inherited: Option<[u32; 2]>,
 }
 
 /// A part of the tree: groups that are not in pages yet. Pages go to a [`Spool`].
@@ -160,7 +161,7 @@ impl Forest {
             }
             let below = g.below[i];
             let node = if below & CUT != 0 {
-                d.refs.push(DraftRef { page: below & !CUT, inherited: value });
+                d.refs.push(DraftRef { page: below & !CUT, inherited: value.map(|v| [v, v]) });
                 let mask = spool.mask(below & !CUT);
                 mh::Node { mask, children: Children::Page((d.refs.len() - 1) as u16) }
             } else {
@@ -263,8 +264,8 @@ fn keep(groups: &[Group], below: u32, kept: &mut Vec<Group>) -> u32 {
 pub struct Page {
     /// Ordinal of the first page that it refers to, or of the next page's first one.
     pub first_child: u32,
-    /// The value that holds above it; none for the root page.
-    pub inherited: Option<u32>,
+    /// What holds above it, smallest and largest over its footprint; none for the root page.
+    pub inherited: Option<[u32; 2]>,
     /// Words and what is known.
     pub draft: Draft,
 }
@@ -275,14 +276,14 @@ impl Page {
         let mask = self.draft.root_mask;
         let inherits = self.inherited.is_some_and(|_| (0..4).any(|c| !mask.child(c).has_value()));
         match self.inherited {
-            Some(v) if inherits => (self.draft.span.min.min(v), self.draft.span.max.max(v)),
+            Some([a, b]) if inherits => (self.draft.span.min.min(a), self.draft.span.max.max(b)),
             _ => (self.draft.span.min, self.draft.span.max),
         }
     }
 
-    /// Largest lattice distance of the inherited value to a texel's interval: the error without this page.
+    /// Bound of the lattice distance of what is inherited to a texel's interval: the error without this page.
     pub fn stop_error(&self) -> u32 {
         let span = &self.draft.span;
-        self.inherited.map_or(u32::MAX, |v| span.low.saturating_sub(v).max(v.saturating_sub(span.high)))
+        self.inherited.map_or(u32::MAX, |[a, b]| span.low.saturating_sub(a).max(b.saturating_sub(span.high)))
     }
 }

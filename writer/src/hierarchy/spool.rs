@@ -35,6 +35,8 @@ struct Inner {
     start: Vec<u64>,
     /// Types of each page's root group.
     masks: Vec<mh::Mask>,
+    /// Smallest and largest value of each page and those below.
+    spans: Vec<[u32; 2]>,
     file: Option<File>,
     /// Bytes in the file.
     written: u64,
@@ -67,6 +69,7 @@ impl Spool {
         let start = inner.written + inner.memory.len() as u64;
         inner.start.push(start);
         inner.masks.push(draft.root_mask);
+        inner.spans.push([draft.span.min, draft.span.max]);
         for (sum, n) in inner.nodes.iter_mut().zip(draft.nodes) {
             *sum += n;
         }
@@ -93,6 +96,11 @@ impl Spool {
     /// Types of a page's root group.
     pub fn mask(&self, number: u32) -> mh::Mask {
         self.inner().masks[number as usize]
+    }
+
+    /// Smallest and largest value stored in a page and those below.
+    pub fn span(&self, number: u32) -> [u32; 2] {
+        self.inner().spans[number as usize]
     }
 
     /// Whether the file could not be written; the work may end.
@@ -123,7 +131,7 @@ impl Spool {
     /// Bytes held in memory.
     pub fn held(&self) -> u64 {
         let inner = self.inner();
-        (inner.memory.capacity() + inner.start.capacity() * 8 + inner.masks.capacity()) as u64
+        (inner.memory.capacity() + inner.start.capacity() * 8 + inner.masks.capacity() + inner.spans.capacity() * 8) as u64
     }
 
     /// The pages from `root` down, level by level.
@@ -169,7 +177,7 @@ impl Inner {
     fn draft(&mut self, number: u32) -> std::io::Result<Draft> {
         let start = self.start[number as usize];
         let head = self.read(start, HEAD)?;
-        let rest = self.read(start + 4 * HEAD as u64, head[0] as usize + 3 * head[1] as usize)?;
+        let rest = self.read(start + 4 * HEAD as u64, head[0] as usize + 4 * head[1] as usize)?;
         Ok(decode(&head, &rest))
     }
 }
@@ -179,7 +187,7 @@ pub struct Pages {
     target: PathBuf,
     inner: Inner,
     /// Pages to come, with the value that holds above them.
-    queue: VecDeque<(u32, Option<u32>)>,
+    queue: VecDeque<(u32, Option<[u32; 2]>)>,
     /// Ordinal of the next page that is met.
     next: u32,
 }
@@ -206,22 +214,26 @@ impl Iterator for Pages {
     }
 }
 
-/// Lengths, what is known of the page, its words, and three numbers for each reference.
+/// Lengths, what is known of the page, its words, and four numbers for each reference.
 fn encode(d: &Draft, out: &mut Vec<u8>) {
     let types = u32::from(d.root_mask.0) | u32::from(d.root_level) << 16 | u32::from(d.finest) << 24;
     let Span { low, high, min, max } = d.span;
     let nodes = d.nodes.map(|n| n as u32);
     let head = [d.words.len() as u32, d.refs.len() as u32, types, d.origin[0], d.origin[1], low, high, min, max];
-    let refs = d.refs.iter().flat_map(|r| [r.page, u32::from(r.inherited.is_some()), r.inherited.unwrap_or(0)]);
+    let refs = d.refs.iter().flat_map(|r| {
+        let [a, b] = r.inherited.unwrap_or_default();
+        [r.page, u32::from(r.inherited.is_some()), a, b]
+    });
     let all = head.into_iter().chain(nodes).chain(d.words.iter().copied()).chain(refs);
     out.extend(all.flat_map(u32::to_le_bytes));
 }
 
 fn decode(n: &[u32], rest: &[u32]) -> Draft {
     let (words, refs) = rest.split_at(n[0] as usize);
+    let reference = |r: &[u32]| DraftRef { page: r[0], inherited: (r[1] != 0).then_some([r[2], r[3]]) };
     Draft {
         words: words.to_vec(),
-        refs: refs.chunks_exact(3).map(|r| DraftRef { page: r[0], inherited: (r[1] != 0).then_some(r[2]) }).collect(),
+        refs: refs.chunks_exact(4).map(reference).collect(),
         root_mask: mh::Mask(n[2] as u8),
         root_level: (n[2] >> 16) as u8,
         finest: (n[2] >> 24) as u8,
@@ -240,7 +252,7 @@ mod tests {
             words: (0..2 + i * 7 % 50).map(|w| w * i).collect(),
             refs: refs
                 .iter()
-                .map(|p| DraftRef { page: *p, inherited: (!p.is_multiple_of(3)).then_some(p * 5) })
+                .map(|p| DraftRef { page: *p, inherited: (!p.is_multiple_of(3)).then_some([p * 5, p * 6]) })
                 .collect(),
             root_mask: mh::Mask(i as u8 * 3),
             root_level: (i % 20) as u8,
@@ -294,7 +306,7 @@ mod tests {
                 while n > 0 && above < 39 && above.is_multiple_of(3) {
                     above = 39 - (39 - above - 1) / 2;
                 }
-                let inherited = (n > 0 && !above.is_multiple_of(3)).then_some(above * 5);
+                let inherited = (n > 0 && !above.is_multiple_of(3)).then_some([above * 5, above * 6]);
                 assert_eq!(page.inherited, inherited, "page {n}");
             }
             assert_eq!(next, 40);

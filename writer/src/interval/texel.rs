@@ -120,7 +120,7 @@ pub fn texel(rays: &Rays, list: &[u32], p: [i64; 2], size: i64, wide: u64, scrat
     if is_open(rays.locals, list) {
         return Truth { interval: Interval::UNCOVERED, certified: true, thin: false };
     }
-    if let Some(interval) = scratch.prover.prove(rays.locals, list, p, size, rays.second_surface, false)
+    if let Some(interval) = scratch.prover.prove(rays, list, p, size, rays.second_surface, false)
         && interval.width() >= wide
     {
         scratch.effort.proven += 1;
@@ -132,7 +132,7 @@ pub fn texel(rays: &Rays, list: &[u32], p: [i64; 2], size: i64, wide: u64, scrat
     let area = if bounds.add(centre) || corners(rays, list, p, size, &mut bounds, &mut scratch.ray) {
         scratch.effort.refuted += 1;
         None
-    } else if let Some(i) = scratch.prover.prove(rays.locals, list, p, size, rays.second_surface, true) {
+    } else if let Some(i) = scratch.prover.prove(rays, list, p, size, rays.second_surface, true) {
         scratch.effort.proven += 1;
         Some(i)
     } else if refute(rays, list, p, size, &mut bounds, &mut scratch.ray) {
@@ -213,7 +213,7 @@ fn settle(
         // the same surfaces begin and end the stretch on every ray, so both ends are linear
         return Settled::Right(Interval { min: own.lo as u32, max: (own.hi - 1) as u32 });
     }
-    if let Some(i) = scratch.prover.prove(rays.locals, list, p, size, rays.second_surface, true)
+    if let Some(i) = scratch.prover.prove(rays, list, p, size, rays.second_surface, true)
         && (!refine || (i64::from(i.min) <= bounds.lo && bounds.hi - 1 <= i64::from(i.max)))
     {
         return Settled::Right(i);

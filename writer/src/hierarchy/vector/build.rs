@@ -1,0 +1,378 @@
+//! Runs over the map: a square that one entry answers is done, whatever its size; blocks of 4 x 4 texels are looked at texel
+//! by texel.
+
+use std::collections::HashMap;
+use std::sync::atomic::Ordering;
+
+use umbrage_format::kind::mh::{Mask, NodeType};
+
+use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale};
+use super::page::{Forest, Group, Node};
+use super::search::Search;
+use super::texels::{self, Block};
+use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree};
+use crate::hierarchy::mh::NONE;
+use crate::hierarchy::page::{At, COARSE_DEPTH};
+use crate::hierarchy::spool::Spool;
+use crate::interval::ray::Rays;
+use crate::interval::texel::{Scratch, is_open, texel};
+use crate::interval::triangle::{Cover, Local, Surface, surfaces};
+use crate::interval::{Event, Interval, wide};
+use crate::solid::SnappedMesh;
+
+/// Level of the squares that one thread works through alone, at least.
+const TILE_LEVEL: u8 = 8;
+/// A larger square is worked through alone where so few surfaces are left.
+const TILE_LIST: usize = 96;
+/// Level of the blocks whose texels are looked at one by one.
+const BLOCK_LEVEL: u8 = 2;
+/// Entries from further up that are tried first.
+const MOST_ABOVE: usize = 4;
+
+struct Context<'a> {
+    surfaces: &'a [Surface],
+    silhouettes: &'a [u8],
+    scale: Scale,
+    second_surface: bool,
+    guard: u32,
+    spool: &'a Spool,
+    progress: &'a Progress,
+}
+
+struct Part {
+    forest: Forest,
+    node: Node,
+    counts: Counts,
+}
+
+/// Builds the `vector` tree of a mesh; its pages go to `spool`. The answer does not depend on the number of threads.
+///
+/// # Errors
+/// [`Stop`]: cancelled, over the budget, or the spool failed.
+pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Progress) -> Result<Tree, Stop> {
+    let surfaces = surfaces(mesh);
+    let silhouettes = silhouettes(&surfaces);
+    let scale =
+        Scale { subtexel_bits: mesh.lattice.subtexel_bits, log2_resolution: mesh.lattice.log2_resolution };
+    let cx = Context {
+        surfaces: &surfaces,
+        silhouettes: &silhouettes,
+        scale,
+        second_surface: mesh.second_surface,
+        guard: options.guard,
+        spool: &spool,
+        progress,
+    };
+    let all: Vec<u32> = (0..surfaces.len() as u32).collect();
+    let at = At { level: scale.log2_resolution, origin: [0, 0] };
+    let part = cx.part(at, &all);
+    let part = part.map(|p| (p.forest.finish(p.node, scale, &spool), p.counts));
+    match (spool.failed(), part) {
+        (Some(e), _) => Err(Stop::Spool(e)),
+        (None, Some((root, counts))) => Ok(Tree { spool, root, counts }),
+        (None, None) if progress.cancel.load(Ordering::Relaxed) => Err(Stop::Cancelled),
+        (None, None) => Err(Stop::Budget),
+    }
+}
+
+/// For each surface the edges at which the front of its solid ends, seen from the light: as many entering surfaces run
+/// along it one way as the other everywhere else.
+fn silhouettes(surfaces: &[Surface]) -> Vec<u8> {
+    let edge = |s: &Surface, k: usize| {
+        let j = (k + 1) % 3;
+        let (a, b) = ((s.x[k], s.y[k]), (s.x[j], s.y[j]));
+        if a < b { ((s.solid, a, b), 1) } else { ((s.solid, b, a), -1) }
+    };
+    let mut balance: HashMap<_, i32> = HashMap::new();
+    for s in surfaces.iter().filter(|s| s.event == Event::Enter) {
+        for k in 0..3 {
+            let (key, way) = edge(s, k);
+            *balance.entry(key).or_insert(0) += way;
+        }
+    }
+    let flags = |s: &Surface| {
+        let open = |k: usize| s.event == Event::Enter && balance.get(&edge(s, k).0).is_some_and(|b| *b != 0);
+        (0..3).filter(|k| open(*k)).fold(0, |f, k| f | 1 << k)
+    };
+    surfaces.iter().map(flags).collect()
+}
+
+impl Context<'_> {
+    fn cancelled(&self) -> bool {
+        self.progress.cancel.load(Ordering::Relaxed) || self.progress.over_budget()
+    }
+
+    fn done(&self, level: u8) {
+        self.progress.texels.fetch_add(1 << (2 * level), Ordering::Relaxed);
+    }
+
+    /// The square of the node at `at`, its four quarters in parallel.
+    fn part(&self, at: At, list: &[u32]) -> Option<Part> {
+        if self.cancelled() {
+            return None;
+        }
+        if list.is_empty() {
+            self.done(at.level);
+            return Some(Part { forest: Forest::default(), node: Node::leaf(OPEN), counts: Counts::default() });
+        }
+        // edge functions of a tile have room for 2^26 steps
+        let small = list.len() <= TILE_LIST && at.level + self.scale.subtexel_bits <= 26;
+        if at.level <= TILE_LEVEL || small {
+            let part = self.tile(at, list);
+            if self.cancelled() {
+                return None;
+            }
+            self.progress.hold_bytes(part.forest.bytes(), self.spool);
+            if self.spool.has_failed() {
+                return None;
+            }
+            self.done(at.level);
+            return Some(part);
+        }
+        let quarter = |c: usize| {
+            let child = at.child(c);
+            let [x, y] = child.origin.map(|o| i64::from(o) << self.scale.subtexel_bits);
+            let size = 1i64 << (child.level + self.scale.subtexel_bits);
+            let near: Vec<u32> =
+                list.iter().copied().filter(|i| self.surfaces[*i as usize].overlaps(x, y, size)).collect();
+            self.part(child, &near)
+        };
+        let ((a, b), (c, d)) =
+            rayon::join(|| rayon::join(|| quarter(0), || quarter(1)), || rayon::join(|| quarter(2), || quarter(3)));
+        let mut forest = Forest::default();
+        let mut counts = Counts::default();
+        let mut released = 0;
+        let mut take = |p: Part| {
+            counts.add(&p.counts);
+            released += p.forest.bytes();
+            forest.absorb(p.forest, p.node)
+        };
+        let mut children = [take(a?), take(b?), take(c?), take(d?)];
+        let node = self.merge(at, &mut children, &mut forest);
+        let node = forest.compact(node);
+        self.progress.hold_bytes(forest.bytes(), self.spool);
+        self.progress.release(released);
+        Some(Part { forest, node, counts })
+    }
+
+    fn merge(&self, at: At, children: &mut [Node; 4], forest: &mut Forest) -> Node {
+        let mut node = merge(at, children, forest, self.scale);
+        if self.scale.log2_resolution - at.level + 1 >= COARSE_DEPTH {
+            forest.cut(&mut node, at, children, self.scale, self.spool);
+        }
+        node
+    }
+
+    fn tile(&self, at: At, list: &[u32]) -> Part {
+        let bits = self.scale.subtexel_bits;
+        let corner = at.origin.map(|o| i64::from(o) << bits);
+        let size = 1i64 << (at.level + bits);
+        let locals: Vec<Local> =
+            list.iter().map(|i| self.surfaces[*i as usize].local(*i, corner[0], corner[1], size)).collect();
+        let held = (size_of::<Local>() * locals.capacity()) as u64;
+        self.progress.take(held);
+        let rays = |locals| Rays { surfaces: self.surfaces, locals, corner, second_surface: self.second_surface };
+        let mut tile = Tile {
+            cx: self,
+            rays: rays(&locals),
+            search: Search::new(rays(&locals), self.scale, self.guard, self.silhouettes),
+            forest: Forest::default(),
+            stack: (0..locals.len() as u32).collect(),
+            scratch: Scratch::default(),
+            counts: Counts::default(),
+        };
+        let node = tile.square(at, 0, &[]);
+        let node = tile.forest.compact(node);
+        let mut counts = tile.counts;
+        counts.edge_texels += tile.search.edge_texels;
+        counts.effort = tile.scratch.effort;
+        self.progress.release(held);
+        Part { forest: tile.forest, node, counts }
+    }
+}
+
+struct Tile<'a> {
+    cx: &'a Context<'a>,
+    rays: Rays<'a>,
+    search: Search<'a>,
+    forest: Forest,
+    /// Lists of the squares on the way down, one behind the other.
+    stack: Vec<u32>,
+    scratch: Scratch,
+    counts: Counts,
+}
+
+impl Tile<'_> {
+    /// The square of the node at `at`, whose surfaces stand in the stack from `start`; `above` holds entries of squares
+    /// around it.
+    fn square(&mut self, at: At, start: usize, above: &[EntryId]) -> Node {
+        let bits = self.cx.scale.subtexel_bits;
+        let corner = self.rays.corner;
+        let p = [0, 1].map(|i| (i64::from(at.origin[i]) << bits) - corner[i]);
+        let size = 1i64 << (at.level + bits);
+        let list = &self.stack[start..];
+        // a cancelled tile is thrown away, so any answer will do
+        if is_open(self.rays.locals, list) || self.cx.cancelled() {
+            return Node::leaf(OPEN);
+        }
+        if let Some(id) = self.search.square(&mut self.forest.palette, list, p, size, above) {
+            return Node::leaf(id);
+        }
+        if at.level == BLOCK_LEVEL {
+            return self.block(at, start, above);
+        }
+        if at.level == 0 {
+            let interval = self.texel(start, start, p, size);
+            let v = super::search::fewest_bits(interval);
+            return Node::leaf(self.forest.palette.entry(Entry::Constant(v)));
+        }
+        let end = self.stack.len();
+        let mut seen: Vec<EntryId> = above.to_vec();
+        let mut children = [Node::leaf(OPEN); 4];
+        for (c, node) in children.iter_mut().enumerate() {
+            let child = at.child(c);
+            let q = [0, 1].map(|i| (i64::from(child.origin[i]) << bits) - corner[i]);
+            self.descend(start, end, q, size / 2);
+            *node = self.square(child, end, &seen);
+            self.stack.truncate(end);
+            if node.entry != OPEN {
+                seen.retain(|e| *e != node.entry);
+                seen.insert(0, node.entry);
+                seen.truncate(MOST_ABOVE);
+            }
+        }
+        self.cx.merge(at, &mut children, &mut self.forest)
+    }
+
+    /// Puts what lies in a square, of the stack's `start..end`, on top of the stack.
+    fn descend(&mut self, start: usize, end: usize, q: [i64; 2], size: i64) {
+        for k in start..end {
+            let i = self.stack[k];
+            if self.rays.locals[i as usize].cover(q[0], q[1], size) != Cover::None {
+                self.stack.push(i);
+            }
+        }
+    }
+
+    /// The exact interval of a texel whose surfaces stand in the stack from `start`.
+    fn texel(&mut self, start: usize, _: usize, p: [i64; 2], size: i64) -> Interval {
+        self.counts.texels_evaluated += 1;
+        let guard = self.cx.guard;
+        let truth = texel(&self.rays, &self.stack[start..], p, size, wide(guard), &mut self.scratch);
+        self.counts.edge_texels += u64::from(!truth.certified);
+        self.counts.thin_texels += u64::from(truth.thin);
+        truth.interval.guarded(guard)
+    }
+
+    /// 4 x 4 texels, one by one.
+    fn block(&mut self, at: At, start: usize, above: &[EntryId]) -> Node {
+        let bits = self.cx.scale.subtexel_bits;
+        let size = 1i64 << bits;
+        let corner = self.rays.corner;
+        let p = [0, 1].map(|i| (i64::from(at.origin[i]) << bits) - corner[i]);
+        let end = self.stack.len();
+        let mut intervals = [Interval::UNCOVERED; 16];
+        let mut planes = Vec::new();
+        for n in 0..16i64 {
+            let q = [p[0] + (n & 3) * size, p[1] + (n >> 2) * size];
+            self.descend(start, end, q, size);
+            intervals[n as usize] = self.texel(end, end, q, size);
+            let centre = q.map(|c| c + size / 2);
+            for plane in self.search.guesses(&self.stack[end..], centre).into_iter().flatten() {
+                if !planes.contains(&plane) && planes.len() < 12 {
+                    planes.push(plane);
+                }
+            }
+            self.stack.truncate(end);
+        }
+        let palette = &mut self.forest.palette;
+        let mut ready = Vec::new();
+        above.iter().for_each(|id| palette.simple(*id, &mut ready));
+        ready.truncate(8);
+        match texels::block(palette, &intervals, at.origin, &ready, &planes, self.cx.scale) {
+            Block::One(id) => Node::leaf(id),
+            Block::Many(ids) => {
+                let mut quarters = [Node::leaf(OPEN); 4];
+                for (c, node) in quarters.iter_mut().enumerate() {
+                    let first = (c & 1) * 2 + (c >> 1) * 8;
+                    let mut children = [0, 1, 4, 5].map(|o| Node::leaf(ids[first + o]));
+                    *node = self.cx.merge(at.child(c), &mut children, &mut self.forest);
+                }
+                self.cx.merge(at, &mut quarters, &mut self.forest)
+            }
+        }
+    }
+}
+
+/// Merges four children: their parent takes over the entry that answers the most of them (Scandolo et al. 2016, section
+/// 3.1, with entries in place of intervals).
+fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, scale: Scale) -> Node {
+    let palette = &forest.palette;
+    let agrees = |entry: EntryId, c: usize| {
+        children[c].entry == entry || resolve(palette, entry, at.child(c), scale) == children[c].entry
+    };
+    let mut best = (0u32, children[0].entry, 0u8);
+    for i in 0..4 {
+        let entry = children[i].entry;
+        if children[..i].iter().any(|c| c.entry == entry) {
+            continue;
+        }
+        // masks are of their own block
+        let own = matches!(palette.get(entry), Entry::Mask { .. });
+        let which = (0..4).filter(|c| agrees(entry, *c)).fold(0u8, |w, c| w | 1 << c);
+        let count = 2 * which.count_ones() - u32::from(own);
+        if count > best.0 {
+            best = (count, entry, which);
+        }
+    }
+    let (_, entry, which) = best;
+    let mut group = Group { mask: Mask(0), entry: [OPEN; 4], below: [NONE; 4] };
+    let mut types = [NodeType::None; 4];
+    let mut cost = 0;
+    for (c, node) in children.iter().enumerate() {
+        let inherits = which >> c & 1 == 1;
+        types[c] = match (inherits, node.below == NONE) {
+            (true, true) => NodeType::None,
+            (true, false) => NodeType::Empty,
+            (false, true) => NodeType::Leaf,
+            (false, false) => NodeType::Inner,
+        };
+        group.entry[c] = node.entry;
+        group.below[c] = node.below;
+        cost += node.cost + if inherits { 0 } else { forest.price(node.entry) };
+    }
+    group.mask = Mask::new(types);
+    if group.mask.0 == 0 {
+        return Node::leaf(entry);
+    }
+    let below = forest.groups.len() as u32;
+    forest.groups.push(group);
+    Node { entry, below, cost: cost + super::page::GROUP_COST }
+}
+
+/// What an entry comes to in a square: the side of a split where all centres are on one.
+pub fn resolve(palette: &Palette, mut id: EntryId, at: At, scale: Scale) -> EntryId {
+    while let Entry::Split { line, near, beyond } = palette.get(id) {
+        match side(&palette.lines[line as usize], at, scale) {
+            Some(true) => id = beyond,
+            Some(false) => id = near,
+            None => break,
+        }
+    }
+    id
+}
+
+/// Whether all texel centres of a square lie beyond a line, or before it, whatever page tells.
+fn side(line: &Line, at: At, _: Scale) -> Option<bool> {
+    let side = 256i64 << at.level;
+    let [u, t] = if line.axis { [at.origin[1], at.origin[0]] } else { at.origin }.map(|o| i64::from(o) << 8);
+    let ends = [line.boundary(u), line.boundary(u + side)];
+    let (low, high) = (ends[0].min(ends[1]) - 4, ends[0].max(ends[1]) + 4);
+    if (t << 12) >= high {
+        Some(true)
+    } else if ((t + side) << 12) < low {
+        Some(false)
+    } else {
+        None
+    }
+}

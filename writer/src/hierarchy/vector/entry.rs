@@ -1,0 +1,295 @@
+//! Entries of kind `vector` in map coordinates, each kept once (spec/vector.md, Entries).
+//!
+//! Planes and lines are functions of the surfaces that they come from, not of the square that asked for them, so that
+//! all leaves on a face or along an edge share them. A page stores them relative to its own corner, which rounds: a
+//! plane's stored function lies above `P - 2` and not above `P`, a line's within 2^-19 texel.
+
+use std::collections::HashMap;
+
+use umbrage_format::projection::UNCOVERED;
+
+use crate::interval::triangle::Surface;
+
+/// Number of an entry in a [`Palette`].
+pub type EntryId = u32;
+/// The entry of squares that nothing covers.
+pub const OPEN: EntryId = 0;
+
+/// Most that a plane may rise over the whole map, as a power of two: its offset then fits every page.
+const RISE_LOG2: u32 = 37;
+/// Bits of a gradient, sign excluded.
+const GRADIENT_BITS: i32 = 24;
+
+/// `offset + (gx X + gy Y) / 2^shift`, X and Y in 1/256 texel from the map's corner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Plane {
+    /// Depth at the map's corner.
+    pub offset: i64,
+    /// Below 2^24 in magnitude.
+    pub gx: i32,
+    /// Below 2^24 in magnitude.
+    pub gy: i32,
+    /// 0 to 63.
+    pub shift: u8,
+}
+
+/// The places with `T * 2^12 >= c + floor(m U / 2^19)` are beyond the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Line {
+    /// Slope of T over U in 2^-31.
+    pub m: i32,
+    /// Intercept in 2^-20 texel.
+    pub c: i64,
+    /// T is x and U is y.
+    pub axis: bool,
+}
+
+/// What a node may hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Entry {
+    /// A depth.
+    Constant(u32),
+    /// A plane.
+    Plane(Plane),
+    /// Two entries on the two sides of a line: `near`, and `beyond`.
+    Split {
+        /// Number of the line.
+        line: u32,
+        /// Entry on this side.
+        near: EntryId,
+        /// Entry beyond the line.
+        beyond: EntryId,
+    },
+    /// 4 x 4 texels, each of up to 3 entries.
+    Mask {
+        /// Constants or planes.
+        entries: [EntryId; 3],
+        /// 2 bits for each texel, by rows.
+        selectors: u32,
+    },
+}
+
+/// Sub-texel scale of a map: lattice steps in a texel, as a power of two, at least 8; and the map's side.
+#[derive(Clone, Copy, Debug)]
+pub struct Scale {
+    /// Lattice steps per texel, log2.
+    pub subtexel_bits: u8,
+    /// Texels on a side, log2.
+    pub log2_resolution: u8,
+}
+
+impl Scale {
+    /// Lattice steps in 1/256 texel, log2.
+    pub fn fine(self) -> u32 {
+        u32::from(self.subtexel_bits) - 8
+    }
+
+    /// Half a texel in lattice steps.
+    pub fn half(self) -> f64 {
+        f64::from(1u32 << (self.subtexel_bits - 1))
+    }
+}
+
+impl Plane {
+    /// A plane of this gradient (depth per lattice step) through depth `z` at lattice point `at`, rounded down; none
+    /// where it is too steep to be stored anywhere in the map.
+    pub fn through(gradient: [f64; 2], at: [i64; 2], z: f64, scale: Scale) -> Option<Plane> {
+        let fine = f64::from(1u32 << scale.fine());
+        let g = gradient.map(|s| s * fine);
+        let largest = g[0].abs().max(g[1].abs());
+        if !largest.is_finite() || largest * 2f64.powi(i32::from(scale.log2_resolution) + 8) > 2f64.powi(RISE_LOG2 as i32) {
+            return None;
+        }
+        // flat enough to be a constant over the whole map
+        if largest * 2f64.powi(i32::from(scale.log2_resolution) + 8) < 1.0 {
+            return None;
+        }
+        let shift = (GRADIENT_BITS - 1 - largest.log2().floor() as i32).clamp(0, 63);
+        let by = 2f64.powi(shift);
+        let [gx, gy] = g.map(|s| (s * by).round() as i32);
+        let mut plane = Plane { offset: 0, gx, gy, shift: shift as u8 };
+        let (whole, part) = plane.at(at, scale);
+        plane.offset = (z.floor() as i64 - whole) + ((z - z.floor()) - part).floor() as i64;
+        Some(plane)
+    }
+
+    /// Depth at a lattice point: integer part, and the rest in [0, 1).
+    pub fn at(&self, p: [i64; 2], scale: Scale) -> (i64, f64) {
+        let n = i128::from(self.gx) * i128::from(p[0]) + i128::from(self.gy) * i128::from(p[1]);
+        let bits = u32::from(self.shift) + scale.fine();
+        let whole = n >> bits;
+        let rest = n - (whole << bits);
+        (self.offset + whole as i64, rest as f64 / 2f64.powi(bits as i32))
+    }
+
+    /// Depth per lattice step; exact.
+    pub fn gradient(&self, scale: Scale) -> [f64; 2] {
+        let by = 2f64.powi(-i32::from(self.shift) - scale.fine() as i32);
+        [f64::from(self.gx) * by, f64::from(self.gy) * by]
+    }
+
+    /// Largest difference of its depth between a texel's centre and a point of the texel.
+    pub fn reach(&self, scale: Scale) -> f64 {
+        let [x, y] = self.gradient(scale);
+        (x.abs() + y.abs()) * scale.half()
+    }
+
+    /// What a page stores may be this or one less, at the centre of texel (x, y).
+    pub fn texel(&self, x: u32, y: u32, scale: Scale) -> i64 {
+        let centre = |v: u32| (i64::from(v) << scale.subtexel_bits) + (1i64 << (scale.subtexel_bits - 1));
+        self.at([centre(x), centre(y)], scale).0
+    }
+}
+
+impl Line {
+    /// The line through two lattice points; none where they are one.
+    pub fn through(a: [i64; 2], b: [i64; 2], scale: Scale) -> Option<Line> {
+        let d = [b[0] - a[0], b[1] - a[1]];
+        let axis = d[0].abs() < d[1].abs();
+        let (u, t) = if axis { (1, 0) } else { (0, 1) };
+        if d[u] == 0 {
+            return None;
+        }
+        let m = (d[t] as f64 / d[u] as f64 * 2147483648.0).round().clamp(-2147483647.0, 2147483647.0) as i32;
+        // through the middle, where the rounding of m costs least
+        let fine = scale.fine();
+        let middle = |i: usize| i128::from(a[i]) + i128::from(b[i]);
+        // in 2^-20 texel: a lattice step is 2^(12 - fine) of them, the middle is half the sum
+        let position = |i: usize| (middle(i) << 12) >> (fine + 1);
+        let rise = (i128::from(m) * middle(u)) >> (19 + fine + 1);
+        Some(Line { m, c: (position(t) - rise) as i64, axis })
+    }
+
+    /// Intercept of the boundary at U, in 1/256 texel of the map: T in 2^-20 texel.
+    pub fn boundary(&self, u: i64) -> i64 {
+        self.c + ((i128::from(self.m) * i128::from(u)) >> 19) as i64
+    }
+}
+
+/// Entries and lines, each once.
+#[derive(Clone, Debug)]
+pub struct Palette {
+    /// Entries by number; an entry refers to lower numbers only.
+    pub entries: Vec<Entry>,
+    /// Lines by number.
+    pub lines: Vec<Line>,
+    by_entry: HashMap<Entry, EntryId>,
+    by_line: HashMap<Line, u32>,
+}
+
+impl Default for Palette {
+    fn default() -> Self {
+        let mut palette =
+            Palette { entries: Vec::new(), lines: Vec::new(), by_entry: HashMap::new(), by_line: HashMap::new() };
+        palette.entry(Entry::Constant(UNCOVERED));
+        palette
+    }
+}
+
+impl Palette {
+    /// Number of an entry.
+    pub fn entry(&mut self, entry: Entry) -> EntryId {
+        *self.by_entry.entry(entry).or_insert_with(|| {
+            self.entries.push(entry);
+            self.entries.len() as u32 - 1
+        })
+    }
+
+    /// Number of a line.
+    pub fn line(&mut self, line: Line) -> u32 {
+        *self.by_line.entry(line).or_insert_with(|| {
+            self.lines.push(line);
+            self.lines.len() as u32 - 1
+        })
+    }
+
+    /// The entry of a number.
+    pub fn get(&self, id: EntryId) -> Entry {
+        self.entries[id as usize]
+    }
+
+    /// Takes in what `other` has; returns its entries' numbers here, [`EntryId::MAX`] where `used` says no.
+    pub fn absorb(&mut self, other: &Palette, used: &[bool]) -> Vec<EntryId> {
+        let mut map = vec![EntryId::MAX; other.entries.len()];
+        for (i, entry) in other.entries.iter().enumerate() {
+            if !used[i] {
+                continue;
+            }
+            let at = |id: EntryId| map[id as usize];
+            let entry = match *entry {
+                Entry::Split { line, near, beyond } => Entry::Split {
+                    line: self.line(other.lines[line as usize]),
+                    near: at(near),
+                    beyond: at(beyond),
+                },
+                Entry::Mask { entries, selectors } => Entry::Mask { entries: entries.map(at), selectors },
+                e => e,
+            };
+            map[i] = self.entry(entry);
+        }
+        map
+    }
+
+    /// Marks what the marked entries refer to.
+    pub fn close(&self, used: &mut [bool]) {
+        for i in (0..self.entries.len()).rev() {
+            if used[i] {
+                self.parts(i as u32).into_iter().flatten().for_each(|p| used[p as usize] = true);
+            }
+        }
+    }
+
+    /// Entries that an entry refers to.
+    pub fn parts(&self, id: EntryId) -> [Option<EntryId>; 3] {
+        match self.get(id) {
+            Entry::Split { near, beyond, .. } => [Some(near), Some(beyond), None],
+            Entry::Mask { entries, .. } => entries.map(Some),
+            _ => [None; 3],
+        }
+    }
+
+    /// Constants and planes that an entry answers with, the nearest first.
+    pub fn simple(&self, id: EntryId, out: &mut Vec<EntryId>) {
+        match self.get(id) {
+            Entry::Constant(_) | Entry::Plane(_) => {
+                if !out.contains(&id) {
+                    out.push(id);
+                }
+            }
+            _ => self.parts(id).into_iter().flatten().for_each(|p| self.simple(p, out)),
+        }
+    }
+}
+
+/// The plane just behind a surface: the same for all leaves on it. `guard` is kept from the surface.
+pub fn behind(s: &Surface, guard: u32, scale: Scale) -> Option<Plane> {
+    let g = gradient(s);
+    let reach = (g[0].abs() + g[1].abs()) * scale.half();
+    // one for the rounding of the gradient, two for pages
+    let z = f64::from(s.z[0]) + reach + f64::from(guard) + 4.0;
+    Plane::through(g, [i64::from(s.x[0]), i64::from(s.y[0])], z, scale)
+}
+
+/// The plane between a front and an end of the stretch behind it that is right for every texel that lies between them,
+/// up to rounding: with reaches h and k of the two over half a texel it divides their distance as h to k. Where the
+/// distance is at least h + k the texel's area interval is not empty and the plane's value at the centre lies in it; elsewhere the value
+/// lies between both at the centre.
+pub fn between(front: &Surface, end: &Surface, guard: u32, scale: Scale) -> Option<Plane> {
+    let (f, e) = (gradient(front), gradient(end));
+    let reach = |g: [f64; 2]| (g[0].abs() + g[1].abs()) * scale.half();
+    let (h, k) = (reach(f), reach(e));
+    let part = if h + k > 0.0 { h / (h + k) } else { 0.5 };
+    let at = [i64::from(front.x[0]), i64::from(front.y[0])];
+    let depth = end.depth(at[0], at[1]);
+    let far = depth.floor as f64 + depth.rem as f64 / depth.den as f64 - f64::from(guard) - 1.0;
+    let near = f64::from(front.z[0]) + f64::from(guard) + 3.0;
+    let g = [0, 1].map(|i| f[i] + (e[i] - f[i]) * part);
+    Plane::through(g, at, near + (far - near) * part, scale)
+}
+
+/// Depth per lattice step.
+pub fn gradient(s: &Surface) -> [f64; 2] {
+    let (gx, gy) = s.slope();
+    let den = s.area() as f64;
+    [gx as f64 / den, gy as f64 / den]
+}

@@ -1,0 +1,410 @@
+//! Cuts a tree into pages and writes their words.
+//!
+//! As for `mh`: whenever a node's groups outgrow [`PAGE_WORDS`], the largest subtrees among its children become pages of
+//! their own; the complete coarse levels stay in the root page.
+
+use std::collections::HashMap;
+
+use umbrage_format::kind::mh::{Mask, NodeType};
+use umbrage_format::kind::vector::{self, Layout, Mask4, Parts, Split, Square, assemble};
+
+use super::entry::{Entry, EntryId, Line, Palette, Plane, Scale};
+use crate::hierarchy::mh::{CUT, NONE, Span};
+use crate::hierarchy::page::{At, COARSE_DEPTH, Draft, DraftRef, PAGE_WORDS, ROOT_WORDS};
+use crate::hierarchy::spool::Spool;
+
+/// What a group costs in a page, 1/16 word: its mask and its share of the ranks.
+pub const GROUP_COST: u32 = 5;
+/// What an index costs, 1/16 word.
+const INDEX_COST: u32 = 5;
+/// Entries that splits and masks can refer to, and lines that splits can.
+const MOST_PARTS: u32 = 1024;
+
+/// The four children of a node.
+#[derive(Clone, Copy, Debug)]
+pub struct Group {
+    /// Their types.
+    pub mask: Mask,
+    /// Their entries, also of those that take over the one from above.
+    pub entry: [EntryId; 4],
+    /// Groups below inner and empty children, or [`CUT`] and a page.
+    pub below: [u32; 4],
+}
+
+/// A node whose entry is still open: its parent may take it over.
+#[derive(Clone, Copy, Debug)]
+pub struct Node {
+    /// What answers it.
+    pub entry: EntryId,
+    /// Group of its children, [`NONE`], or [`CUT`] and a page.
+    pub below: u32,
+    /// What all groups below cost that are not in pages of their own, 1/16 word; not less than it will be.
+    pub cost: u32,
+}
+
+impl Node {
+    /// A square that one entry answers.
+    pub fn leaf(entry: EntryId) -> Node {
+        Node { entry, below: NONE, cost: 0 }
+    }
+}
+
+/// A part of the tree: groups that are not in pages yet, and their entries.
+#[derive(Default)]
+pub struct Forest {
+    /// Groups by number.
+    pub groups: Vec<Group>,
+    /// Entries.
+    pub palette: Palette,
+}
+
+impl Forest {
+    /// What an entry costs at a node, 1/16 word, if nothing is shared.
+    pub fn price(&self, id: EntryId) -> u32 {
+        INDEX_COST + self.palette_price(id)
+    }
+
+    fn palette_price(&self, id: EntryId) -> u32 {
+        let own = match self.palette.get(id) {
+            Entry::Constant(_) => 16,
+            Entry::Plane(_) => 48,
+            Entry::Split { .. } => 16 + 48,
+            Entry::Mask { .. } => 32,
+        };
+        own + self.palette.parts(id).into_iter().flatten().map(|p| self.palette_price(p)).sum::<u32>()
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> u64 {
+        let entry = size_of::<Entry>() * 2 + 16;
+        let line = size_of::<Line>() * 2 + 16;
+        (size_of::<Group>() * self.groups.capacity()
+            + self.palette.entries.len() * entry
+            + self.palette.lines.len() * line) as u64
+    }
+
+    /// Takes in another part; returns its node as seen from here.
+    pub fn absorb(&mut self, other: Forest, node: Node) -> Node {
+        let mut used = vec![false; other.palette.entries.len()];
+        used[node.entry as usize] = true;
+        other.groups.iter().flat_map(|g| g.entry).for_each(|e| used[e as usize] = true);
+        other.palette.close(&mut used);
+        let map = self.palette.absorb(&other.palette, &used);
+        let first = self.groups.len() as u32;
+        let shift = |b: u32| if b & CUT != 0 { b } else { b + first };
+        self.groups.extend(other.groups.into_iter().map(|g| Group {
+            mask: g.mask,
+            entry: g.entry.map(|e| map[e as usize]),
+            below: g.below.map(shift),
+        }));
+        Node { entry: map[node.entry as usize], below: shift(node.below), ..node }
+    }
+
+    /// Drops groups that no longer hang below `node`, and entries that nothing names.
+    pub fn compact(&mut self, node: Node) -> Node {
+        let mut kept = Vec::new();
+        let below = keep(&self.groups, node.below, &mut kept);
+        let old = std::mem::take(self);
+        self.absorb(Forest { groups: kept, palette: old.palette }, Node { below, ..node })
+    }
+
+    /// Moves the largest subtrees below the node's children into pages until the rest fits [`PAGE_WORDS`].
+    pub fn cut(&mut self, node: &mut Node, at: At, children: &mut [Node; 4], scale: Scale, spool: &Spool) {
+        while node.cost > PAGE_WORDS * 16 {
+            node.cost = Sheet::gather(self, node.below, at, scale, false).cost();
+            if node.cost <= PAGE_WORDS * 16 {
+                return;
+            }
+            let largest = (0..4).filter(|c| children[*c].below & CUT == 0).max_by_key(|c| (children[*c].cost, 4 - c));
+            let Some(c) = largest else { return };
+            let page = self.draft(children[c].below, at.child(c), false, scale, spool);
+            let cut = CUT | spool.push(&page);
+            self.groups[node.below as usize].below[c] = cut;
+            children[c] = Node { below: cut, cost: 0, ..children[c] };
+        }
+    }
+
+    /// The page of the group below the node at `at`, or of the whole map.
+    fn draft(&self, group: u32, at: At, root: bool, scale: Scale, spool: &Spool) -> Draft {
+        let sheet = Sheet::gather(self, group, at, scale, root);
+        sheet.draft(spool)
+    }
+
+    /// Makes the root page; returns its number.
+    pub fn finish(mut self, root: Node, scale: Scale, spool: &Spool) -> u32 {
+        let kind = if root.below == NONE { NodeType::Leaf } else { NodeType::Inner };
+        let mask = Mask::new([kind, NodeType::None, NodeType::None, NodeType::None]);
+        let entry = [root.entry, root.entry, root.entry, root.entry];
+        self.groups.push(Group { mask, entry, below: [root.below, NONE, NONE, NONE] });
+        let top = self.groups.len() as u32 - 1;
+        let at = At { level: scale.log2_resolution + 1, origin: [0, 0] };
+        loop {
+            let sheet = Sheet::gather(&self, top, at, scale, true);
+            if sheet.cost() <= ROOT_WORDS * 16 {
+                return spool.push(&sheet.draft(spool));
+            }
+            let mut found = Vec::new();
+            if root.below != NONE {
+                let at = At { level: scale.log2_resolution, origin: [0, 0] };
+                self.candidates(root.below, at, scale, &mut found);
+            }
+            // a share of what is too much at a time, the largest first
+            found.sort_by_key(|c: &(u32, u32, usize, At)| std::cmp::Reverse(c.0));
+            let mut much = (sheet.cost() - ROOT_WORDS * 16).min(1 << 24);
+            if found.is_empty() {
+                return spool.push(&sheet.draft(spool));
+            }
+            for (cost, group, c, at) in found {
+                let page = self.draft(self.groups[group as usize].below[c], at, false, scale, spool);
+                self.groups[group as usize].below[c] = CUT | spool.push(&page);
+                if much <= cost {
+                    break;
+                }
+                much -= cost;
+            }
+        }
+    }
+
+    /// Subtrees that may leave the root page: (cost, group, child, node).
+    fn candidates(&self, group: u32, at: At, scale: Scale, found: &mut Vec<(u32, u32, usize, At)>) {
+        let g = &self.groups[group as usize];
+        for c in 0..4 {
+            if g.below[c] & CUT != 0 {
+                continue;
+            }
+            let child = at.child(c);
+            if scale.log2_resolution - child.level >= COARSE_DEPTH {
+                found.push((self.measure(g.below[c]), group, c, child));
+            } else {
+                self.candidates(g.below[c], child, scale, found);
+            }
+        }
+    }
+
+    fn measure(&self, group: u32) -> u32 {
+        let g = &self.groups[group as usize];
+        let own: u32 =
+            (0..4).filter(|c| g.mask.child(*c).has_value()).map(|c| self.price(g.entry[c as usize])).sum();
+        let below: u32 = g.below.iter().filter(|b| **b & CUT == 0).map(|b| self.measure(*b)).sum();
+        GROUP_COST + own + below
+    }
+}
+
+/// Copies the groups reachable from `below`; returns its new number. [`NONE`] has the bit of [`CUT`].
+fn keep(groups: &[Group], below: u32, kept: &mut Vec<Group>) -> u32 {
+    if below & CUT != 0 {
+        return below;
+    }
+    let at = kept.len();
+    kept.push(groups[below as usize]);
+    for c in 0..4 {
+        kept[at].below[c] = keep(groups, groups[below as usize].below[c], kept);
+    }
+    at as u32
+}
+
+/// A node with an entry of its own.
+struct Own {
+    entry: EntryId,
+    level: u8,
+    x: u32,
+    y: u32,
+}
+
+/// A page to be: groups in level order, and the entries that they name.
+struct Sheet<'a> {
+    palette: &'a Palette,
+    origin: [u32; 2],
+    side: u8,
+    root_level: u8,
+    masks: Vec<u8>,
+    own: Vec<Own>,
+    refs: Vec<(u32, Option<EntryId>, Own)>,
+    finest: u8,
+    nodes: [u64; 3],
+    /// Entries by class, in the order of the palette.
+    used: [Vec<EntryId>; 4],
+    lines: Vec<u32>,
+    /// Number in the page.
+    number: HashMap<EntryId, u32>,
+}
+
+impl<'a> Sheet<'a> {
+    fn gather(forest: &'a Forest, group: u32, at: At, scale: Scale, root: bool) -> Self {
+        let _ = scale;
+        let mut sheet = Sheet {
+            palette: &forest.palette,
+            origin: at.origin,
+            side: if root { at.level - 1 } else { at.level },
+            root_level: at.level - 1,
+            masks: Vec::new(),
+            own: Vec::new(),
+            refs: Vec::new(),
+            finest: at.level - 1,
+            nodes: [0; 3],
+            used: Default::default(),
+            lines: Vec::new(),
+            number: HashMap::new(),
+        };
+        // (group or page, level of its nodes, first texel, entry from above)
+        let mut queue = std::collections::VecDeque::from([(group, at.level - 1, 0u32, 0u32, None)]);
+        while let Some((group, level, x, y, above)) = queue.pop_front() {
+            if group & CUT != 0 {
+                sheet.masks.push(0);
+                sheet.refs.push((group & !CUT, above, Own { entry: 0, level: level + 1, x, y }));
+                continue;
+            }
+            let g = &forest.groups[group as usize];
+            sheet.masks.push(g.mask.0);
+            sheet.finest = sheet.finest.min(level);
+            for c in 0..4u32 {
+                let kind = g.mask.child(c);
+                let i = c as usize;
+                let (x, y) = (x + ((c & 1) << level), y + ((c >> 1) << level));
+                match kind {
+                    NodeType::None => continue,
+                    NodeType::Leaf => sheet.nodes[0] += 1,
+                    NodeType::Inner => sheet.nodes[1] += 1,
+                    NodeType::Empty => sheet.nodes[2] += 1,
+                }
+                if kind.has_value() {
+                    sheet.own.push(Own { entry: g.entry[i], level, x, y });
+                }
+                if kind.has_children() {
+                    let entry = if kind.has_value() { Some(g.entry[i]) } else { above };
+                    queue.push_back((g.below[i], level.wrapping_sub(1), x, y, entry));
+                }
+            }
+        }
+        sheet.order();
+        sheet
+    }
+
+    /// Finds the entries in use and gives them numbers.
+    fn order(&mut self) {
+        let palette = self.palette;
+        let mut all: Vec<EntryId> = Vec::new();
+        let mut seen = std::collections::HashSet::new();
+        let mut waiting: Vec<EntryId> = self.own.iter().map(|o| o.entry).collect();
+        let mut parts = std::collections::HashSet::new();
+        while let Some(id) = waiting.pop() {
+            if seen.insert(id) {
+                all.push(id);
+                for p in palette.parts(id).into_iter().flatten() {
+                    parts.insert(p);
+                    waiting.push(p);
+                }
+            }
+        }
+        // entries refer to lower numbers, and what others refer to comes first
+        all.sort_unstable_by_key(|id| (!parts.contains(id), *id));
+        let mut lines = std::collections::HashSet::new();
+        for id in all {
+            let class = match palette.get(id) {
+                Entry::Constant(_) => 0,
+                Entry::Plane(_) => 1,
+                Entry::Split { line, .. } => {
+                    if lines.insert(line) {
+                        self.lines.push(line);
+                    }
+                    2
+                }
+                Entry::Mask { .. } => 3,
+            };
+            self.used[class].push(id);
+        }
+        self.used[2].sort_unstable();
+        let numbers = self.used.iter().flatten().zip(0..).map(|(id, n)| (*id, n));
+        self.number = numbers.collect();
+    }
+
+    /// What the page takes, 1/16 word; very much where a number does not fit its field.
+    fn cost(&self) -> u32 {
+        let [constants, planes, splits, masks] = [0, 1, 2, 3].map(|i| self.used[i].len() as u32);
+        let palette = constants + planes + splits + masks;
+        let bits = 32 - palette.saturating_sub(1).leading_zeros();
+        let words = 7
+            + 5 * (self.masks.len() as u32).div_ceil(16)
+            + (self.refs.len() as u32).div_ceil(2)
+            + (self.own.len() as u32 * bits).div_ceil(32)
+            + 3 * self.lines.len() as u32
+            + constants
+            + 3 * planes
+            + splits
+            + 2 * masks;
+        let parts = |id: &EntryId| self.palette.parts(*id).into_iter().flatten().map(|p| self.number[&p]).max();
+        let highest = self.used[2].iter().chain(&self.used[3]).filter_map(parts).max().unwrap_or(0);
+        let fits = highest < MOST_PARTS && (self.lines.len() as u32) <= MOST_PARTS && self.masks.len() < 32767;
+        if fits { words * 16 } else { (words * 16).max(ROOT_WORDS * 16 + 16) }
+    }
+
+    fn draft(&self, spool: &Spool) -> Draft {
+        let shift = self.origin.map(|o| i64::from(o) << 8);
+        let plane = |p: Plane| {
+            let n = i128::from(p.gx) * i128::from(shift[0]) + i128::from(p.gy) * i128::from(shift[1]);
+            vector::Plane { offset: p.offset + (n >> p.shift) as i64, gx: p.gx, gy: p.gy, shift: p.shift }
+        };
+        let line = |l: Line| {
+            let (u, t) = if l.axis { (shift[1], shift[0]) } else { (shift[0], shift[1]) };
+            vector::Line { m: l.m, c: l.boundary(u) - (t << 12), axis: l.axis }
+        };
+        let at = |id: EntryId| self.number[&id] as u16;
+        let line_at: HashMap<u32, u16> = self.lines.iter().copied().zip(0..).collect();
+        let (mut constants, mut planes, mut splits, mut masks) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for &id in self.used.iter().flatten() {
+            match self.palette.get(id) {
+                Entry::Constant(v) => constants.push(v),
+                Entry::Plane(p) => planes.push(plane(p)),
+                Entry::Split { line, near, beyond } => {
+                    splits.push(Split { line: line_at[&line], a: at(near), b: at(beyond) });
+                }
+                Entry::Mask { entries, selectors } => masks.push(Mask4 { entries: entries.map(at), selectors }),
+            }
+        }
+        let lines: Vec<vector::Line> = self.lines.iter().map(|l| line(self.palette.lines[*l as usize])).collect();
+        let indexes: Vec<u32> = self.own.iter().map(|o| self.number[&o.entry]).collect();
+        let words = assemble(&Parts {
+            root_level: self.root_level,
+            groups: &self.masks,
+            indexes: &indexes,
+            proofs: None,
+            lines: &lines,
+            constants: &constants,
+            planes: &planes,
+            splits: &splits,
+            masks: &masks,
+            raws: &[],
+        });
+        let layout = Layout::of(&words);
+        let bounds = |id: EntryId, o: &Own| -> (u32, u32) {
+            vector::bounds(&words, &layout, self.number[&id], &Square::of_texels(o.x, o.y, o.level))
+        };
+        let (mut min, mut max) = (u32::MAX, 0);
+        let mut join = |(a, b): (u32, u32)| (min, max) = (min.min(a), max.max(b));
+        for o in &self.own {
+            join(bounds(o.entry, o));
+        }
+        let mut refs = Vec::new();
+        for (page, above, node) in &self.refs {
+            let inherited = above.map(|id| bounds(id, node));
+            if let Some(range) = inherited {
+                join(range);
+            }
+            let span = spool.span(*page);
+            join((span[0], span[1]));
+            refs.push(DraftRef { page: *page, inherited: inherited.map(|(a, b)| [a, b]) });
+        }
+        let _ = self.side;
+        Draft {
+            words,
+            refs,
+            root_mask: Mask(self.masks[0]),
+            root_level: self.root_level,
+            finest: self.finest,
+            origin: self.origin,
+            // the error of the entry from above is at most its distance to what is stored here
+            span: Span { low: max, high: min, min, max },
+            nodes: self.nodes,
+        }
+    }
+}

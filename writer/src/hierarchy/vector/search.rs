@@ -1,0 +1,701 @@
+//! One entry for a whole square, proven for every texel of it, or nothing.
+//!
+//! A square is answered by one constant or plane, or cut along silhouette edges into at most four cells with one each.
+//!
+//! Claim of [`Search::square`]: at every texel of the square the stored function's value lies in the texel's interval
+//! (CONVENTIONS, Intervals: the area interval where it is not empty, else the centre's), and keeps the guard where that is wide.
+//!
+//! Argument. A cell's plane P is proven in one of two ways.
+//! - *Slab*: [`Prover::prove_in`] gives sheared depths `low..=high` that are right on every ray of the cell. P lies at
+//!   least its reach over half a texel inside them, so its value at a texel's centre is right on every ray of the texel that lies in
+//!   the cell.
+//! - *Tip*: on every ray of the cell the front f is met first, the end e of the stretch second, and nothing before or at e
+//!   otherwise. So the texels inside the cell have the area interval from f's largest to e's smallest depth, which are
+//!   linear. [`between`] is right for all of them, up to rounding; those where rounding may matter are looked at one by one.
+//!
+//! A texel that two cells share is an edge texel if on the border between them, somewhere inside it, one cell's stretch ends
+//! before the other one's begins: then only its centre counts, and the centre's cell is told exactly. If both cells hold
+//! the same entry, that is right for all of the texel. Nothing else is accepted.
+
+use umbrage_format::projection::UNCOVERED;
+
+use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, between, gradient};
+use crate::interval::proof::{HalfPlane, Polygon, Prover, Region};
+use crate::interval::ray::{RayScratch, Rays, Stretch};
+use crate::interval::triangle::{Cover, Local};
+use crate::interval::{Event, Interval, wide};
+
+/// Most cuts of a square.
+const MOST_CUTS: usize = 3;
+/// Most surfaces of a square that is tried at all.
+const PROOF_LIST: usize = 48;
+/// Most surfaces of a square that is cut.
+const CUT_LIST: usize = 32;
+/// Texels that are looked at one by one, for each texel of the square's side.
+const MOST_TIPS: f64 = 12.0;
+
+/// A line through a square.
+#[derive(Clone, Copy)]
+struct Cut {
+    /// Inside of the surface whose edge it is.
+    inside: HalfPlane,
+    line: Line,
+    /// Whether the surface lies beyond the line.
+    beyond: bool,
+}
+
+/// A part of the square and what answers it.
+struct Cell {
+    /// Number of a cut, and whether the cell lies inside it.
+    path: Vec<(usize, bool)>,
+    list: Vec<u32>,
+    entry: EntryId,
+    tip: Option<Tip>,
+}
+
+#[derive(Clone, Copy)]
+struct Tip {
+    front: u32,
+    end: u32,
+    plane: Plane,
+}
+
+/// Proves squares; owns the buffers.
+pub struct Search<'a> {
+    /// The surfaces of the tile.
+    pub rays: Rays<'a>,
+    /// Scale of the map.
+    pub scale: Scale,
+    /// Distance from the ends of wide intervals.
+    pub guard: u32,
+    /// Which edges of each surface bound its solid's front: bits 0 to 2.
+    pub silhouettes: &'a [u8],
+    /// Texels that were found to be edge texels, by the lines through them.
+    pub edge_texels: u64,
+    prover: Prover,
+    polygon: Polygon,
+    cuts: Vec<Cut>,
+    cells: Vec<Cell>,
+    simple: Vec<EntryId>,
+    ray: RayScratch,
+    /// Places of rays, and their stretches.
+    probes: Vec<([i64; 2], i64, i64)>,
+}
+
+impl<'a> Search<'a> {
+    /// For one tile.
+    pub fn new(rays: Rays<'a>, scale: Scale, guard: u32, silhouettes: &'a [u8]) -> Self {
+        Search {
+            rays,
+            scale,
+            guard,
+            silhouettes,
+            edge_texels: 0,
+            prover: Prover::default(),
+            polygon: Polygon::default(),
+            cuts: Vec::new(),
+            cells: Vec::new(),
+            simple: Vec::new(),
+            ray: RayScratch::default(),
+            probes: Vec::new(),
+        }
+    }
+
+    fn local(&self, i: u32) -> &Local {
+        &self.rays.locals[i as usize]
+    }
+
+    /// An entry for the tile-relative square; `list` holds the surfaces that overlap it, sorted by solid. Entries of
+    /// `above` are tried first, in this order.
+    pub fn square(
+        &mut self,
+        palette: &mut Palette,
+        list: &[u32],
+        p: [i64; 2],
+        size: i64,
+        above: &[EntryId],
+    ) -> Option<EntryId> {
+        if list.len() > PROOF_LIST {
+            return None;
+        }
+        self.cuts.clear();
+        self.cells.clear();
+        self.simple.clear();
+        for &id in above {
+            palette.simple(id, &mut self.simple);
+        }
+        self.simple.truncate(6);
+        let id = self.cell(palette, list, p, size, &mut Vec::new())?;
+        if self.cells.len() > 1 && !self.sound(p, size) {
+            return None;
+        }
+        Some(id)
+    }
+
+    fn half_planes(&self, path: &[(usize, bool)]) -> Vec<HalfPlane> {
+        path.iter().map(|&(c, inside)| if inside { self.cuts[c].inside } else { self.cuts[c].inside.beyond() }).collect()
+    }
+
+    fn cell(
+        &mut self,
+        palette: &mut Palette,
+        list: &[u32],
+        p: [i64; 2],
+        size: i64,
+        path: &mut Vec<(usize, bool)>,
+    ) -> Option<EntryId> {
+        let lines = self.half_planes(path);
+        let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
+        if let Some((entry, tip)) = self.simple(palette, list, region) {
+            self.cells.push(Cell { path: path.clone(), list: list.to_vec(), entry, tip });
+            return Some(entry);
+        }
+        if path.len() >= MOST_CUTS || list.len() > CUT_LIST || self.cells.len() >= 4 {
+            return None;
+        }
+        let tries = 1;
+        for cut in self.candidates(list, region, tries) {
+            let (cuts, cells) = (self.cuts.len(), self.cells.len());
+            let number = match self.cuts.iter().position(|c| c.line == cut.line) {
+                Some(n) => n,
+                None => {
+                    self.cuts.push(cut);
+                    cuts
+                }
+            };
+            let half = self.cuts[number].inside;
+            let mut sides = [OPEN; 2];
+            let mut whole = true;
+            for (side, h) in [(1, half.beyond()), (0, half)] {
+                let near: Vec<u32> = list.iter().copied().filter(|i| self.reaches(*i, h)).collect();
+                path.push((number, side == 0));
+                let id = self.cell(palette, &near, p, size, path);
+                path.pop();
+                match id {
+                    Some(id) => sides[side] = id,
+                    None => {
+                        whole = false;
+                        break;
+                    }
+                }
+            }
+            if whole {
+                let [inside, outside] = sides;
+                if inside == outside {
+                    return Some(inside);
+                }
+                let line = palette.line(cut.line);
+                let (near, beyond) = if self.cuts[number].beyond { (outside, inside) } else { (inside, outside) };
+                return Some(palette.entry(Entry::Split { line, near, beyond }));
+            }
+            self.cuts.truncate(cuts);
+            self.cells.truncate(cells);
+        }
+        None
+    }
+
+    /// Whether some of the surface lies in the open half-plane; exact.
+    fn reaches(&self, i: u32, h: HalfPlane) -> bool {
+        let s = &self.rays.surfaces[self.local(i).index as usize];
+        (0..3).any(|k| h.wide([i64::from(s.x[k]) - self.rays.corner[0], i64::from(s.y[k]) - self.rays.corner[1]]) > 0)
+    }
+
+    /// Silhouette edges through the region, the one nearest to the light first.
+    fn candidates(&mut self, list: &[u32], region: Region<'_>, most: usize) -> Vec<Cut> {
+        let mut found: Vec<(f64, Cut)> = Vec::new();
+        for &i in list {
+            let l = &self.rays.locals[i as usize];
+            let edges = self.silhouettes[l.index as usize];
+            if edges == 0 || l.event != Event::Enter {
+                continue;
+            }
+            for k in 0..3 {
+                if edges >> k & 1 == 0 || (l.a[k] == 0 && l.b[k] == 0) {
+                    continue;
+                }
+                let inside = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
+                let s = &self.rays.surfaces[l.index as usize];
+                let corner =
+                    |j: usize| [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a]);
+                let ends = [corner(k), corner(k + 1)];
+                let Some(part) = clip_segment(ends.map(|e| e.map(|v| v as f64)), &region) else { continue };
+                let middle = [0, 1].map(|a| (part[0][a] + part[1][a]) / 2.0);
+                let z = l.z0 + l.sx * middle[0] + l.sy * middle[1];
+                let absolute = ends.map(|e| [e[0] + self.rays.corner[0], e[1] + self.rays.corner[1]]);
+                // the same whichever triangle it comes from
+                let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
+                let Some(line) = Line::through(a, b, self.scale) else { continue };
+                if found.iter().any(|f| f.1.line == line) {
+                    continue;
+                }
+                let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
+                found.push((z, Cut { inside, line, beyond }));
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found.truncate(most);
+        found.into_iter().map(|f| f.1).collect()
+    }
+
+    /// One constant or plane for the whole region.
+    fn simple(&mut self, palette: &mut Palette, list: &[u32], region: Region<'_>) -> Option<(EntryId, Option<Tip>)> {
+        if list.iter().all(|i| self.local(*i).event == Event::Wall) {
+            return Some((OPEN, None));
+        }
+        let sample = self.prover.sample(&region)?;
+        let front = self.front(list, sample)?;
+        if !self.probe(list, region, sample) {
+            return None;
+        }
+        for n in 0..self.simple.len() {
+            let id = self.simple[n];
+            if id != OPEN && self.passes(palette.get(id)) && self.holds(palette.get(id), list, region) {
+                return Some((id, None));
+            }
+        }
+        let texel = 1i64 << self.scale.subtexel_bits;
+        let surface = self.rays.surfaces[self.local(front).index as usize];
+        let close = list.len() <= 16;
+        let plane = behind(&surface, self.guard, self.scale);
+        if let Some(plane) = plane.filter(|p| region.size > texel && self.may_slope(p)) {
+            let Region { p, size, lines, .. } = region;
+            let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
+            if let Some(range) = self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close) {
+                if self.fits(&plane, range) {
+                    let id = palette.entry(Entry::Plane(plane));
+                    self.remember(id);
+                    return Some((id, None));
+                }
+                if let Some(own) = self.fitted(&plane, range) {
+                    return Some((palette.entry(Entry::Plane(own)), None));
+                }
+            }
+        }
+        if self.may_be_level()
+            && let Some((low, high)) = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close)
+            && let Some(v) = self.constant(low, high)
+        {
+            return Some((palette.entry(Entry::Constant(v)), None));
+        }
+        // a slope between that of the front and that of the end of the stretch
+        if let Some(end) = self.end(list, sample, front) {
+            let ends = self.rays.surfaces[self.local(end).index as usize];
+            if let Some(plane) = between(&surface, &ends, self.guard, self.scale) {
+                let Region { p, size, lines, .. } = region;
+                let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
+                if self.may_slope(&plane)
+                    && let Some(range) =
+                        self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close)
+                {
+                    if self.fits(&plane, range) {
+                        return Some((palette.entry(Entry::Plane(plane)), None));
+                    }
+                    if let Some(own) = self.fitted(&plane, range) {
+                        return Some((palette.entry(Entry::Plane(own)), None));
+                    }
+                }
+                let tip = Tip { front, end, plane };
+                if self.is_tip(list, region, tip) && self.tip_fits(region, tip) {
+                    return Some((palette.entry(Entry::Plane(plane)), Some(tip)));
+                }
+            }
+        }
+        None
+    }
+
+    /// Casts rays at the sample and, in a whole square, at its corners; false where one of them meets nothing.
+    fn probe(&mut self, list: &[u32], region: Region<'_>, sample: [i64; 2]) -> bool {
+        self.probes.clear();
+        let (p, far) = (region.p, region.p.map(|v| v + region.size));
+        let corners = [(p, [1, 1]), ([far[0], p[1]], [-1, 1]), ([p[0], far[1]], [1, -1]), (far, [-1, -1])];
+        let corners = if region.lines.is_empty() { &corners[..] } else { &[] };
+        for (q, d) in [(sample, [1, 1])].iter().chain(corners) {
+            match self.rays.stretch(list, *q, *d, &mut self.ray) {
+                Stretch::Uncovered => return false,
+                Stretch::Covered { lo, hi } => self.probes.push((*q, lo, hi)),
+            }
+        }
+        true
+    }
+
+    /// Whether an entry is right on the rays of the probe.
+    fn passes(&self, entry: Entry) -> bool {
+        self.probes.iter().all(|(q, lo, hi)| {
+            let v = match entry {
+                Entry::Constant(v) => i64::from(v),
+                Entry::Plane(plane) => plane.at([q[0] + self.rays.corner[0], q[1] + self.rays.corner[1]], self.scale).0,
+                _ => return false,
+            };
+            lo - 1 <= v && v < *hi
+        })
+    }
+
+    /// Whether the probe's rays leave room for a plane of this slope.
+    fn may_slope(&self, plane: &Plane) -> bool {
+        let [sx, sy] = plane.gradient(self.scale);
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        for (q, lo, hi) in &self.probes {
+            let lift = sx * q[0] as f64 + sy * q[1] as f64;
+            low = low.max(*lo as f64 - 1.0 - lift);
+            high = high.min(*hi as f64 - lift);
+        }
+        low <= high
+    }
+
+    fn may_be_level(&self) -> bool {
+        let low = self.probes.iter().map(|p| p.1).max();
+        low < self.probes.iter().map(|p| p.2).min()
+    }
+
+    /// Tries it first in the cells and squares to come.
+    fn remember(&mut self, id: EntryId) {
+        if !self.simple.contains(&id) {
+            self.simple.push(id);
+        }
+    }
+
+    /// The entering surface that the ray at the point meets first.
+    fn front(&self, list: &[u32], p: [i64; 2]) -> Option<u32> {
+        let met = list.iter().copied().filter(|i| {
+            let l = self.local(*i);
+            l.event == Event::Enter && l.covers(p[0], p[1], 1, 1)
+        });
+        met.min_by(|a, b| {
+            let z = |i: u32| self.local(i).approximate(p[0], p[1]);
+            z(*a).total_cmp(&z(*b))
+        })
+    }
+
+    /// The surface at which the ray leaves the front's solid first, or the second surface.
+    fn end(&self, list: &[u32], p: [i64; 2], front: u32) -> Option<u32> {
+        let f = self.local(front);
+        let met = list.iter().copied().filter(|i| {
+            let l = self.local(*i);
+            let right = if self.rays.second_surface {
+                *i != front && l.event != Event::Wall
+            } else {
+                l.event == Event::Leave && l.solid == f.solid
+            };
+            right && l.covers(p[0], p[1], 1, 1)
+        });
+        met.min_by(|a, b| {
+            let z = |i: u32| self.local(i).approximate(p[0], p[1]);
+            z(*a).total_cmp(&z(*b))
+        })
+    }
+
+    /// Whether a stored entry is right all over the region.
+    fn holds(&mut self, entry: Entry, list: &[u32], region: Region<'_>) -> bool {
+        let close = list.len() <= 12;
+        match entry {
+            Entry::Constant(UNCOVERED) => false,
+            Entry::Constant(v) => {
+                let range = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close);
+                let guard = i64::from(self.guard);
+                range.is_some_and(|(low, high)| {
+                    low + guard <= i64::from(v) && i64::from(v) <= high - guard && (high - low) as u64 >= wide(self.guard)
+                })
+            }
+            Entry::Plane(plane) => {
+                let Region { p, size, lines, .. } = region;
+                let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
+                let range = self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close);
+                range.is_some_and(|range| self.fits(&plane, range))
+            }
+            _ => false,
+        }
+    }
+
+    /// What `prove_in` says of a plane's own shear leaves room for the texels' reach, pages' rounding and the guard.
+    fn fits(&self, plane: &Plane, (low, high): (i64, i64)) -> bool {
+        let (whole, _) = plane.at(self.rays.corner, self.scale);
+        let margin = plane.reach(self.scale).ceil() as i64 + i64::from(self.guard);
+        low + margin + 2 <= whole && whole + 1 + margin <= high
+    }
+
+    /// The plane of the same slope in the middle, if there is room.
+    fn fitted(&self, plane: &Plane, (low, high): (i64, i64)) -> Option<Plane> {
+        let margin = plane.reach(self.scale).ceil() as i64 + i64::from(self.guard);
+        let (low, high) = (low + margin + 2, high - margin - 1);
+        let (whole, _) = plane.at(self.rays.corner, self.scale);
+        (low <= high).then(|| Plane { offset: plane.offset + (low + (high - low) / 2 - whole), ..*plane })
+    }
+
+    /// The value with the fewest significant bits that keeps the guard.
+    pub fn constant(&self, low: i64, high: i64) -> Option<u32> {
+        let low = u32::try_from(low).ok()?;
+        let high = u32::try_from(high).ok()?;
+        let interval = Interval { min: low, max: high };
+        if interval.width() < wide(self.guard) {
+            return None;
+        }
+        Some(fewest_bits(interval.guarded(self.guard)))
+    }
+
+    /// Whether the stretch of every ray of the region begins at the front and ends at the end.
+    fn is_tip(&mut self, list: &[u32], region: Region<'_>, tip: Tip) -> bool {
+        let covers = |polygon: &mut Polygon, i: u32| {
+            let l = &self.rays.locals[i as usize];
+            l.cover(region.p[0], region.p[1], region.size) == Cover::All || polygon.covered(&self.rays, l, &region)
+        };
+        if !covers(&mut self.polygon, tip.front) || !covers(&mut self.polygon, tip.end) {
+            return false;
+        }
+        let e = &self.rays.locals[tip.end as usize];
+        let f = &self.rays.locals[tip.front as usize];
+        self.polygon.region(&region);
+        let between = self.polygon.range(e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy).0;
+        // the margin of the region reaches beyond the line where both meet
+        let slack = (e.sx - f.sx).abs() + (e.sy - f.sy).abs() + 2.0 * (e.eps + f.eps);
+        if between < -slack {
+            return false;
+        }
+        list.iter().all(|i| {
+            let t = &self.rays.locals[*i as usize];
+            *i == tip.front
+                || *i == tip.end
+                || t.event == Event::Wall
+                || t.zmin > e.zmax
+                || self.polygon.strictly_behind(t, e, &region)
+        })
+    }
+
+    /// Whether the tip's plane is right for every texel inside the region, and for the centres of those that are not
+    /// inside, or have an empty interval.
+    fn tip_fits(&mut self, region: Region<'_>, tip: Tip) -> bool {
+        let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
+        let half = self.scale.half();
+        let (h, k) = ((f.sx.abs() + f.sy.abs()) * half, (e.sx.abs() + e.sy.abs()) * half);
+        let guard = f64::from(self.guard);
+        let (whole, part) = tip.plane.at(self.rays.corner, self.scale);
+        let g = tip.plane.gradient(self.scale);
+        let z = whole as f64 + part;
+        let eps = 4.0 * (f.eps + e.eps) + (g[0].abs() + g[1].abs()) * 1e-7 + 0.01;
+        // beyond this distance everything is linear and far from rounding
+        let far = h + k + 4.0 * guard + 10.0;
+        let (dz, dx, dy) = (e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy);
+        let polygon = &mut self.polygon;
+        polygon.region(&region);
+        polygon.keep_plane(dx, dy, dz - far);
+        let low = polygon.range(z - f.z0, g[0] - f.sx, g[1] - f.sy).0;
+        let high = polygon.range(e.z0 - z, e.sx - g[0], e.sy - g[1]).0;
+        // nothing left: infinities, which fit
+        if low - h < guard + 2.0 + eps || high - k < guard + 1.0 + eps {
+            return false;
+        }
+        polygon.region(&region);
+        polygon.keep_plane(-dx, -dy, far - dz);
+        let texel = 1i64 << self.scale.subtexel_bits;
+        let t = texel as f64;
+        if polygon.area() > MOST_TIPS * t * region.size as f64 {
+            return false;
+        }
+        let rows = polygon.extent(1);
+        let Some((first, last)) = rows else { return true };
+        let clamp = |v: f64, axis: usize| {
+            let (a, b) = (region.p[axis] / texel, (region.p[axis] + region.size) / texel - 1);
+            ((v / t).floor() as i64).clamp(a, b)
+        };
+        for row in clamp(first, 1)..=clamp(last, 1) {
+            let y = row * texel + texel / 2;
+            let Some((from, to)) = polygon.row(y as f64, t) else { continue };
+            for column in clamp(from, 0)..=clamp(to, 0) {
+                let c = [column * texel + texel / 2, y];
+                if region.lines.iter().any(|l| l.at(c) < 0) {
+                    continue;
+                }
+                let [x, y] = c.map(|v| v as f64);
+                let front = f.z0 + f.sx * x + f.sy * y;
+                let end = e.z0 + e.sx * x + e.sy * y;
+                let p = z + g[0] * x + g[1] * y;
+                let room = (end - k) - (front + h);
+                let (low, high, width) = if room >= 2.0 + eps {
+                    (front + h, end - k, room)
+                } else if room < -1.0 - eps {
+                    (front, end, end - front)
+                } else {
+                    return false;
+                };
+                let guard = if width >= 4.0 * guard - 2.0 { guard } else { 0.0 };
+                if p - 2.0 - eps < low + guard || p + eps > high - guard {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Whether all cells fit together, and every centre is told to be in the right one.
+    fn sound(&mut self, p: [i64; 2], size: i64) -> bool {
+        for i in 0..self.cells.len() {
+            for j in i + 1..self.cells.len() {
+                if self.cells[i].entry != self.cells[j].entry && !self.apart(i, j, p, size) {
+                    return false;
+                }
+            }
+        }
+        let mut edges = 0;
+        for n in 0..self.cuts.len() {
+            match self.told(n, p, size) {
+                Some(texels) => edges += texels,
+                None => return false,
+            }
+        }
+        self.edge_texels += edges;
+        true
+    }
+
+    /// Whether every texel that both cells share has an empty area interval, or is shared with a border of no length.
+    fn apart(&mut self, i: usize, j: usize, p: [i64; 2], size: i64) -> bool {
+        let (a, b) = (&self.cells[i], &self.cells[j]);
+        let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return false };
+        let (cut, _) = a.path[at];
+        let mut lines = Vec::new();
+        for cell in [a, b] {
+            let others: Vec<(usize, bool)> = cell.path.iter().copied().filter(|x| x.0 != cut).collect();
+            lines.extend(self.half_planes(&others));
+        }
+        let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
+        let Some(border) = border(&self.cuts[cut].inside, &region) else { return true };
+        let ends_before = |tip: &Cell, other: &Cell| {
+            let Some(t) = tip.tip else { return false };
+            let e = &self.rays.locals[t.end as usize];
+            other.list.iter().all(|n| {
+                let l = &self.rays.locals[*n as usize];
+                if l.event == Event::Wall || l.zmin > e.zmax {
+                    return true;
+                }
+                let Some(part) = clip_to_surface(border, l) else { return true };
+                let slack = 2.0 * (l.eps + e.eps) + 0.01 + ((l.sx - e.sx).abs() + (l.sy - e.sy).abs()) * 0.01;
+                part.iter().all(|q| {
+                    let d = (l.z0 - e.z0) + (l.sx - e.sx) * q[0] + (l.sy - e.sy) * q[1];
+                    d >= slack
+                })
+            })
+        };
+        ends_before(a, b) || ends_before(b, a)
+    }
+
+    /// Whether the stored line tells the side of every texel centre of the square as the exact one does, with room for
+    /// the rounding of pages; the number of texels that it crosses.
+    fn told(&self, cut: usize, p: [i64; 2], size: i64) -> Option<u64> {
+        let Cut { inside, line, beyond } = self.cuts[cut];
+        let (u, t) = if line.axis { (1, 0) } else { (0, 1) };
+        let bits = self.scale.subtexel_bits;
+        let texel = 1i64 << bits;
+        let corner = self.rays.corner.map(|c| c >> bits);
+        let (first, count) = (p.map(|v| v >> bits), size >> bits);
+        let mut crossed = 0;
+        let mut before: Option<i64> = None;
+        for n in first[u]..first[u] + count {
+            let place = (corner[u] + n) * 256;
+            let boundary = line.boundary(place + 128) - (corner[t] << 20);
+            // the first centre at or beyond the boundary: T = 2^20 t + 2^19
+            let at = (boundary - (1 << 19) + (1 << 20) - 1) >> 20;
+            let edge = (line.boundary(place) - (corner[t] << 20)) >> 20;
+            let next = (line.boundary(place + 256) - (corner[t] << 20)) >> 20;
+            let (low, high) = (edge.min(next).max(first[t]), edge.max(next).min(first[t] + count - 1));
+            crossed += (high - low + 1).max(0) as u64;
+            let _ = &mut before;
+            for (c, is_beyond) in [(at, true), (at - 1, false)] {
+                if c < first[t] || c >= first[t] + count {
+                    continue;
+                }
+                let room = ((c << 20) + (1 << 19) - boundary).abs();
+                let mut q = [0; 2];
+                q[u] = n * texel + texel / 2;
+                q[t] = c * texel + texel / 2;
+                let side = inside.at(q);
+                if room < 4 || side == 0 || (side > 0) != (is_beyond == beyond) {
+                    return None;
+                }
+            }
+            // nothing of the line in this column: the side of any centre must still be right
+            if at < first[t] || at > first[t] + count {
+                let c = if at < first[t] { first[t] } else { first[t] + count - 1 };
+                let mut q = [0; 2];
+                q[u] = n * texel + texel / 2;
+                q[t] = c * texel + texel / 2;
+                let side = inside.at(q);
+                if side == 0 || (side > 0) != ((c >= at) == beyond) {
+                    return None;
+                }
+            }
+        }
+        Some(crossed)
+    }
+
+    /// Planes of the surfaces that rays at the texel's centre meet, for masks: behind the front, and between front and end.
+    pub fn guesses(&self, list: &[u32], centre: [i64; 2]) -> [Option<Plane>; 2] {
+        let Some(front) = self.front(list, centre) else { return [None; 2] };
+        let f = &self.rays.surfaces[self.local(front).index as usize];
+        let e = self.end(list, centre, front).map(|e| &self.rays.surfaces[self.local(e).index as usize]);
+        [behind(f, self.guard, self.scale), e.and_then(|e| between(f, e, self.guard, self.scale))]
+    }
+
+    /// Whether the front at the point is level, so that constants do as well as planes.
+    pub fn is_level(&self, list: &[u32], centre: [i64; 2]) -> bool {
+        self.front(list, centre).is_none_or(|f| {
+            gradient(&self.rays.surfaces[self.local(f).index as usize]) == [0.0; 2]
+        })
+    }
+}
+
+/// The value of the interval that ends in the most zero bits.
+pub fn fewest_bits(interval: Interval) -> u32 {
+    let (min, max) = (interval.min, interval.max);
+    if min == max {
+        return min;
+    }
+    // the highest bit in which they differ: with all lower bits zero, max is above min
+    let top = 31 - (min ^ max).leading_zeros();
+    let v = max >> top << top;
+    if min & ((1u32 << top) - 1) == 0 && min.trailing_zeros() > top { min } else { v }
+}
+
+/// The part of a segment in the region, or nothing.
+fn clip_segment(ends: [[f64; 2]; 2], region: &Region<'_>) -> Option<[[f64; 2]; 2]> {
+    let (p, s) = (region.p.map(|v| v as f64), region.size as f64);
+    let square = [[1.0, 0.0, -p[0]], [-1.0, 0.0, p[0] + s], [0.0, 1.0, -p[1]], [0.0, -1.0, p[1] + s]];
+    let lines = region.lines.iter().map(|l| [l.a as f64, l.b as f64, l.c as f64]);
+    clip(ends, square.into_iter().chain(lines), 0.0)
+}
+
+/// The part of a segment over a surface, or within a little of it.
+fn clip_to_surface(ends: [[f64; 2]; 2], l: &Local) -> Option<[[f64; 2]; 2]> {
+    clip(ends, (0..3).map(|k| [l.a[k] as f64, l.b[k] as f64, l.c[k] as f64]), 1.0 / 512.0)
+}
+
+fn clip(ends: [[f64; 2]; 2], planes: impl Iterator<Item = [f64; 3]>, margin: f64) -> Option<[[f64; 2]; 2]> {
+    let (mut from, mut to) = (0.0f64, 1.0f64);
+    for [a, b, c] in planes {
+        let at = |p: [f64; 2]| a * p[0] + b * p[1] + c + (a.abs() + b.abs()) * margin;
+        let (e, f) = (at(ends[0]), at(ends[1]));
+        if e < 0.0 && f < 0.0 {
+            return None;
+        }
+        if e < 0.0 {
+            from = from.max(e / (e - f));
+        } else if f < 0.0 {
+            to = to.min(e / (e - f));
+        }
+    }
+    let at = |t: f64| [0, 1].map(|i| ends[0][i] + (ends[1][i] - ends[0][i]) * t);
+    (from < to).then(|| [at(from), at(to)])
+}
+
+/// The part of a line in the region and a little around it.
+fn border(line: &HalfPlane, region: &Region<'_>) -> Option<[[f64; 2]; 2]> {
+    let (a, b, c) = (line.a as f64, line.b as f64, line.c as f64);
+    let n = a * a + b * b;
+    let s = region.size as f64;
+    let middle = [region.p[0] as f64 + s / 2.0, region.p[1] as f64 + s / 2.0];
+    let d = (a * middle[0] + b * middle[1] + c) / n;
+    let foot = [middle[0] - a * d, middle[1] - b * d];
+    let along = [-b / n.sqrt() * 2.0 * s, a / n.sqrt() * 2.0 * s];
+    let ends = [[foot[0] - along[0], foot[1] - along[1]], [foot[0] + along[0], foot[1] + along[1]]];
+    let p = region.p.map(|v| v as f64);
+    let square = [[1.0, 0.0, -p[0]], [-1.0, 0.0, p[0] + s], [0.0, 1.0, -p[1]], [0.0, -1.0, p[1] + s]];
+    let lines = region.lines.iter().map(|l| [l.a as f64, l.b as f64, l.c as f64]);
+    clip(ends, square.into_iter().chain(lines), 1.0 / 512.0)
+}

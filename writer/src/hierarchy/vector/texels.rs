@@ -1,0 +1,120 @@
+//! A block of 4 x 4 texels, each with its exact interval: the fewest entries that answer all of them.
+
+use super::entry::{Entry, EntryId, OPEN, Palette, Plane, Scale};
+use super::search::fewest_bits;
+use crate::interval::Interval;
+use umbrage_format::projection::UNCOVERED;
+
+/// Most entries of a mask.
+const MOST: usize = 3;
+
+/// What answers a block of 4 x 4 texels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Block {
+    /// One entry.
+    One(EntryId),
+    /// An entry for each texel, by rows, too many for a mask.
+    Many([EntryId; 16]),
+}
+
+/// Chooses entries for 16 texels; texel (0, 0) of the block is texel `origin` of the map. `ready` are entries to be tried
+/// first, `planes` such as are made where they help.
+pub fn block(
+    palette: &mut Palette,
+    intervals: &[Interval; 16],
+    origin: [u32; 2],
+    ready: &[EntryId],
+    planes: &[Plane],
+    scale: Scale,
+) -> Block {
+    let mut left = 0xFFFFu32;
+    let mut chosen: Vec<(Entry, u32)> = Vec::new();
+    let right = |entry: Entry| {
+        (0..16u32).filter(|n| allows(entry, intervals[*n as usize], origin, *n, scale)).fold(0u32, |m, n| m | 1 << n)
+    };
+    let mut options: Vec<(Entry, u32, bool)> = Vec::new();
+    for &id in ready {
+        let entry = palette.get(id);
+        options.push((entry, right(entry), true));
+    }
+    let uncovered = Entry::Constant(UNCOVERED);
+    options.push((uncovered, right(uncovered), true));
+    for plane in planes {
+        let entry = Entry::Plane(*plane);
+        if !options.iter().any(|o| o.0 == entry) {
+            options.push((entry, right(entry), false));
+        }
+    }
+    while left != 0 {
+        let new = |o: &(Entry, u32, bool)| (o.1 & left).count_ones();
+        let best = options.iter().enumerate().max_by_key(|(i, o)| (new(o), o.2, usize::MAX - i)).map(|(_, o)| *o);
+        let stab = stab(intervals, left);
+        let stabbed = (Entry::Constant(stab.0), right(Entry::Constant(stab.0)));
+        let made = best.is_some_and(|b| b.2);
+        match best.filter(|b| {
+            let (plane, constant) = (new(b), (stabbed.1 & left).count_ones());
+            plane > 0 && (plane > constant || (plane == constant && made))
+        }) {
+            Some(b) => {
+                chosen.push((b.0, b.1));
+                left &= !b.1;
+            }
+            None => {
+                chosen.push(stabbed);
+                left &= !stabbed.1;
+            }
+        }
+    }
+    let ids: Vec<EntryId> = chosen.iter().map(|c| palette.entry(c.0)).collect();
+    let of = |n: u32| chosen.iter().position(|c| c.1 >> n & 1 == 1).unwrap_or(0);
+    if ids.len() == 1 {
+        return Block::One(ids[0]);
+    }
+    if ids.len() <= MOST {
+        let at = |i: usize| ids.get(i).copied().unwrap_or(ids[0]);
+        let mut selectors = 0u32;
+        for n in 0..16 {
+            selectors |= (of(n) as u32) << (2 * n);
+        }
+        return Block::One(palette.entry(Entry::Mask { entries: [at(0), at(1), at(2)], selectors }));
+    }
+    let mut all = [OPEN; 16];
+    for n in 0..16u32 {
+        all[n as usize] = ids[of(n)];
+    }
+    Block::Many(all)
+}
+
+/// Whether what any page stores for the entry is right at texel number `n` of the block.
+fn allows(entry: Entry, interval: Interval, origin: [u32; 2], n: u32, scale: Scale) -> bool {
+    match entry {
+        Entry::Constant(v) => interval.min <= v && v <= interval.max,
+        Entry::Plane(plane) => {
+            let v = plane.texel(origin[0] + n % 4, origin[1] + n / 4, scale);
+            i64::from(interval.min) < v && v <= i64::from(interval.max) && interval.max != UNCOVERED
+        }
+        _ => false,
+    }
+}
+
+/// The depth that lies in the most intervals of the texels in `left`, and how many.
+fn stab(intervals: &[Interval; 16], left: u32) -> (u32, u32) {
+    let mut best = (0u32, 0u32, Interval::UNCOVERED);
+    for n in 0..16 {
+        if left >> n & 1 == 0 {
+            continue;
+        }
+        let v = intervals[n].min;
+        let (mut count, mut max) = (0, u32::MAX);
+        for (m, i) in intervals.iter().enumerate() {
+            if left >> m & 1 == 1 && i.min <= v && v <= i.max {
+                count += 1;
+                max = max.min(i.max);
+            }
+        }
+        if count > best.1 || (count == best.1 && max - v > best.2.max - best.2.min) {
+            best = (v, count, Interval { min: v, max });
+        }
+    }
+    (fewest_bits(best.2), best.1)
+}
