@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, FileSource, Limits};
 use umbrage::writer::layers::{
     DepthScale, DepthSource, LayersOptions, Projection, Second, SourceError, Square, bake_layers,
@@ -58,7 +58,7 @@ pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     let baked = bake_layers(&[&Engine], &LayersOptions::default(), &path, &Default::default())?;
     println!("{} bytes, {} nodes", baked.bytes, baked.lights[0].nodes.iter().sum::<u64>());
     let container = Container::open(Arc::new(FileSource::open(&path)?), Limits::default())?;
-    let map = MhMap::new(container.structure_named("sun")?)?;
+    let map = Map::new(container.structure_named("sun")?)?;
     // A centre of a texel near the middle: above the ball, in its shadow, on the floor beside it.
     let c = 0.5 / RESOLUTION as f64 * 2.0 * HALF;
     for (point, lit) in [([c, 4.5, c], true), ([c, 0.0, c], false), ([1.5 + c, 0.0, c], true)] {

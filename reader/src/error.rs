@@ -59,18 +59,6 @@ pub enum ReaderError {
         /// Its kind.
         kind: Kind,
     },
-    /// A structure of another kind than the query asked for.
-    #[error("{file}: structure '{structure}' is of kind {}, not {}", found.name(), expected.name())]
-    WrongKind {
-        /// Name of the source.
-        file: Arc<str>,
-        /// Name of the structure.
-        structure: String,
-        /// The kind that the query reads.
-        expected: Kind,
-        /// The structure's kind.
-        found: Kind,
-    },
 }
 
 impl ReaderError {

@@ -13,9 +13,9 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use umbrage_format::checksum::{content_hash, page_crc};
-use umbrage_format::kind::mh::{self, PageCounts};
+use umbrage_format::kind::tree::{self, PageCounts};
 use umbrage_format::page::{FrameHead, PageContext, check_frame};
-use umbrage_format::{FormatError, Kind, PageRecord, Place, Rule, Value};
+use umbrage_format::{FormatError, PageRecord, Place, Rule, Value};
 use zerocopy::{FromBytes, IntoBytes};
 
 use crate::container::Shared;
@@ -170,15 +170,15 @@ impl FrameChecked {
     /// A rule of the kind, or [`ReaderError::UnsupportedKind`] where this version has none for it.
     pub fn check_kind(self) -> Result<CheckedPage, ReaderError> {
         let Self { structure, ordinal, record, head, words } = self;
-        if structure.kind() != Kind::Mh {
+        let cx = context(&structure, ordinal, &record);
+        let Some(counts) = tree::check(words.get(), &head, &cx) else {
             return Err(ReaderError::UnsupportedKind {
                 file: structure.file().clone(),
                 structure: structure.name().to_string(),
                 kind: structure.kind(),
             });
-        }
-        let cx = context(&structure, ordinal, &record);
-        let counts = mh::check(words.get(), &head, &cx).map_err(|e| structure.fault(e))?;
+        };
+        let counts = counts.map_err(|e| structure.fault(e))?;
         Ok(CheckedPage { ordinal, record, head, words, counts })
     }
 }

@@ -11,10 +11,10 @@
 
 use umbrage_format::checksum::SectionCrc;
 use umbrage_format::header::Header;
-use umbrage_format::{FormatError, Kind, Place, Rule, StructureRecord, Value};
+use umbrage_format::{FormatError, Place, Rule, StructureRecord, Value};
 
 use crate::container::{Shared, check_padding};
-use crate::query::mh::follow::Follow;
+use crate::query::follow::Follow;
 use crate::{Container, FrameChecked, ReaderError, Structure};
 
 /// Bytes that are read at once where only a sum is taken.
@@ -72,7 +72,7 @@ fn verify_structure(s: &Structure, summary: &mut VerifySummary, keep: &mut impl 
     let per_block = u32::from(s.record().records_per_block.get()).max(1);
     let mut whole = true;
     // None once a page is lost.
-    let mut nodes = (s.kind() == Kind::Mh).then_some([0u64; 3]);
+    let mut nodes = s.kind().has_layout().then_some([0u64; 3]);
     for ordinal in 0..s.page_count() {
         // A block that fails is reported once, not for each of its records.
         if ordinal % per_block == 0 {

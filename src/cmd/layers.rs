@@ -8,7 +8,7 @@ use umbrage::certify::Region;
 use umbrage::certify::layers::{LayersTally, check};
 use umbrage::certify::sample::{Borders, regions};
 use umbrage::reader::Structure;
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::writer::bake::BakeError;
 use umbrage::writer::container::Target;
 use umbrage::writer::layers::openexr::{ExrLayers, ExrOptions, Placement};
@@ -239,7 +239,7 @@ pub fn verify(
     }
     let layers = LatticeLayers::new(&layers, &go_on)?;
     let guard = structure.record().depth_guard.get();
-    let map = MhMap::new(structure)?;
+    let map = Map::new(structure)?;
     let side = map.resolution();
     let whole = u64::from(side) * u64::from(side);
     let (squares, near): (Vec<Square>, u64) = match sample.filter(|n| *n < whole) {

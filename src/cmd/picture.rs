@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 use umbrage::certify::Oracle;
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{ReaderError, Structure};
 use umbrage::render::{Placement, View};
 use umbrage::writer::bake::policy_of;
@@ -41,7 +41,7 @@ pub fn snapped(mesh: &Mesh, structure: &Structure) -> Result<SnappedMesh, Failur
 }
 
 /// Light or shadow of every pixel, by the map, on the CPU; pixels without a receiver are lit.
-pub fn lit_by_map(view: &View, map: &MhMap) -> Result<Vec<bool>, Failure> {
+pub fn lit_by_map(view: &View, map: &Map) -> Result<Vec<bool>, Failure> {
     let lattice = map.lattice();
     let answers: Result<Vec<bool>, ReaderError> = view
         .receivers

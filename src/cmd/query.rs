@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use umbrage::certify::Oracle;
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::query::{is_lit, locate};
 
 use super::{Failure, INPUT, go_on, listen, load_scene, open, output, picture, structure};
@@ -50,7 +50,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
         None => None,
     };
     let oracle = snapped.as_ref().map(Oracle::new);
-    let map = MhMap::new(structure)?;
+    let map = Map::new(structure)?;
     let certified = |x: u32, y: u32| match &oracle {
         Some(o) => {
             if o.texel(x, y).certified {

@@ -1,7 +1,7 @@
 //! Who answers the shadows of a view: a GPU that pages are streamed to, or the CPU.
 
 use serde_json::{Value, json};
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, Structure};
 use umbrage::render::View;
 
@@ -77,7 +77,7 @@ impl Shadows {
 
     fn on_cpu(view: &View, container: &Container, structure: Structure, by: String) -> Result<Shadows, Failure> {
         let before = container.counters().pages;
-        let lit = picture::lit_by_map(view, &MhMap::new(structure)?)?;
+        let lit = picture::lit_by_map(view, &Map::new(structure)?)?;
         Ok(Shadows { lit, by, pages_read: container.counters().pages - before, stream: None })
     }
 

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use umbrage::certify::sample::{self, Borders};
 use umbrage::certify::{Oracle, Region, Tally};
-use umbrage::reader::query::mh::{MhMap, ResidentMh};
+use umbrage::reader::query::{Map, Resident};
 use umbrage::reader::{ReaderError, Structure, VerifySummary};
 use umbrage::writer::mesh::Mesh;
 
@@ -217,7 +217,7 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
     let name = s.name().to_string();
     let snapped = picture::snapped(mesh, &s)?;
     let (edge, thin) = (s.record().edge_texels.get(), s.record().thin_texels.get());
-    let map = MhMap::new(s)?;
+    let map = Map::new(s)?;
     let resident = map.preload()?;
     let oracle = Oracle::new(&snapped).with_guard(map.structure().record().depth_guard.get());
     let side = map.resolution();
@@ -288,7 +288,7 @@ fn certify_layers(s: Structure, source: &str, args: &Args, f: &mut Findings) -> 
     Ok(())
 }
 
-fn check(oracle: &Oracle, regions: &[Region], stored: &ResidentMh) -> Result<Tally, Failure> {
+fn check(oracle: &Oracle, regions: &[Region], stored: &Resident) -> Result<Tally, Failure> {
     let texels = |r: &Region| u64::from(r.width) * u64::from(r.height);
     let watched = Watched::start(regions.iter().map(texels).sum());
     let one = |r: &Region| {

@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 use umbrage::format::Kind;
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, Limits};
 
 use crate::golden::samples::{Seal, repair};
@@ -50,7 +50,7 @@ fn answers(file: &Container) -> Vec<Option<u32>> {
             let _ = s.dependencies(ordinal);
         }
         let (kind, roots, log2) = (s.kind(), s.record().root_count.get().min(4), s.record().log2_resolution);
-        let Ok(map) = MhMap::new(s) else {
+        let Ok(map) = Map::new(s) else {
             assert_ne!(kind, Kind::Mh);
             continue;
         };
@@ -73,7 +73,7 @@ fn answers(file: &Container) -> Vec<Option<u32>> {
 fn within_depths(file: &Container) {
     for s in file.structures().filter(|s| s.kind() == Kind::Mh) {
         let pages: Vec<_> = (0..s.page_count()).map(|i| s.page_record(i).unwrap()).collect();
-        let map = MhMap::new(s).unwrap();
+        let map = Map::new(s).unwrap();
         for (i, r) in pages.iter().enumerate() {
             for (x, y, level) in points(r.log2_x).filter(|p| p.2 <= r.level_coarsest) {
                 let (x, y) = (r.origin_x.get() + (x << level), r.origin_y.get() + (y << level));

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use umbrage::certify::Oracle;
 use umbrage::certify::layers::{LayersTally, check};
-use umbrage::reader::query::mh::{MhMap, ResidentMh};
+use umbrage::reader::query::{Map, Resident};
 use umbrage::reader::{Container, FileSource, Limits};
 use umbrage::writer::bake::BakeError;
 use umbrage::writer::hierarchy::build::Progress;
@@ -52,10 +52,10 @@ pub fn open(path: &Path) -> Container {
     Container::open(Arc::new(FileSource::open(path).unwrap()), Limits::default()).unwrap()
 }
 
-pub fn map(path: &Path) -> ResidentMh {
+pub fn map(path: &Path) -> Resident {
     let file = open(path);
     assert_eq!(file.verify(|e| panic!("{e}")).faults, 0);
-    MhMap::new(file.structure(0).unwrap()).unwrap().preload().unwrap()
+    Map::new(file.structure(0).unwrap()).unwrap().preload().unwrap()
 }
 
 /// Depths from a closure over texels; what is asked is counted.
@@ -221,7 +221,7 @@ fn receivers_on_centre_rays_are_answered_without_bias() {
     source.projection = Projection { depth: DepthScale::Between(-8.0, 8.0), ..projection };
     let target = folder.file("ball.umb");
     bake_layers(&[&source], &LayersOptions::default(), &target, &Progress::default()).unwrap();
-    let map = MhMap::new(open(&target).structure_named("sun").unwrap()).unwrap();
+    let map = Map::new(open(&target).structure_named("sun").unwrap()).unwrap();
     // far above the steps of the depth lattice and the error of the transform, far below any bias
     let little = 1e-7;
     let mut seen = [0; 2];

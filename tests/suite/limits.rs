@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use umbrage::format::{Header, Kind, SectionRecord, StructureRecord};
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, FileSource, Limits};
 use umbrage::writer::container::{ContainerOptions, ContainerWriter};
 use umbrage::writer::hierarchy::build::Progress;
@@ -38,7 +38,7 @@ fn one_of_a_thousand_structures_answers_after_the_tables_and_two_reads() {
     assert!(opened.reads <= 3 && opened.bytes <= FIRST + tables as u64, "{opened:?}, tables {tables}");
     for i in [0usize, 7, 999] {
         let (before, (tree, name)) = (file.counters(), &parts[i]);
-        let map = MhMap::new(file.structure_named(name).unwrap()).unwrap();
+        let map = Map::new(file.structure_named(name).unwrap()).unwrap();
         assert_eq!(map.texel(9, 5, 4).unwrap().value, tree.lookup(4, 9, 5, 4));
         let after = file.counters();
         // the root page; its record is in the structure's
@@ -91,7 +91,7 @@ fn a_level_of_64_x_64_answers_after_2_reads_and_64_kib() {
     assert!(baked.bytes > 20 << 20 && baked.lights[0].pages > 4000, "{} {}", baked.bytes, baked.lights[0].pages);
     let file = Container::open(Arc::new(FileSource::open(&path).unwrap()), Limits::default()).unwrap();
     assert_eq!((file.counters().reads, file.counters().bytes), (1, FIRST));
-    let map = MhMap::new(file.structure(0).unwrap()).unwrap();
+    let map = Map::new(file.structure(0).unwrap()).unwrap();
     for k in 0..4096u32 {
         let a = map.texel((k & 63) << 5, (k >> 6) << 5, 5).unwrap();
         assert!(a.level >= 5);

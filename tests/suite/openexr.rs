@@ -236,7 +236,7 @@ fn the_headers_matrices_place_the_layers_in_the_world() {
     );
     bake_layers(&[&layers], &LayersOptions::default(), &umb, &Progress::default()).unwrap();
     let file = open(&umb);
-    let map = umbrage::reader::query::mh::MhMap::new(file.structure(0).unwrap()).unwrap();
+    let map = umbrage::reader::query::Map::new(file.structure(0).unwrap()).unwrap();
     assert_eq!(map.structure().record().light_direction.map(|c| c.get()), [0.0, -1.0, 0.0]);
     for (x, y) in (0..16).flat_map(|y| (0..16).map(move |x| (x, y))) {
         let first = hills(x, y).0;

@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 use umbrage::format::index::FORM_FLAT;
 use umbrage::format::page::{FrameHead, TAG_FLAT};
 use umbrage::format::{Kind, PageRecord, Rule};
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, Limits};
 use umbrage::writer::bake::{BakeOptions, Light, bake};
 use umbrage::writer::container::{ContainerOptions, PageInput};
@@ -76,7 +76,7 @@ fn rust_rules(bytes: Vec<u8>, limits: Limits) -> Vec<String> {
 fn same_answers(path: &Path, container: &Container) {
     for s in container.structures().filter(|s| s.kind() == Kind::Mh) {
         let (roots, log2) = (s.record().root_count.get(), s.record().log2_resolution);
-        let map = MhMap::new(s).unwrap();
+        let map = Map::new(s).unwrap();
         let points: Vec<_> = golden::points(log2).collect();
         for root in 0..roots {
             same_points(path, &map, root, &points);
@@ -85,7 +85,7 @@ fn same_answers(path: &Path, container: &Container) {
 }
 
 /// Holds the answers at some texels against each other.
-fn same_points(path: &Path, map: &MhMap, root: u32, points: &[(u32, u32, u8)]) {
+fn same_points(path: &Path, map: &Map, root: u32, points: &[(u32, u32, u8)]) {
     let rows: String = points.iter().map(|(x, y, level)| format!("{x},{y},{level}\n")).collect();
     let name = map.structure().name();
     let args = ["texels", path.to_str().unwrap(), "--structure", name, "--root", &root.to_string()];
@@ -124,7 +124,7 @@ fn a_baked_file_answers_alike() {
     };
     bake(&scene::generated("city:1:0.05").unwrap().unwrap(), &options, &path, &Default::default()).unwrap();
     let container = open(fs::read(&path).unwrap(), Limits::default()).unwrap();
-    let map = MhMap::new(container.structure(0).unwrap()).unwrap();
+    let map = Map::new(container.structure(0).unwrap()).unwrap();
     assert!(map.structure().block_count() > 1, "{} pages", map.structure().page_count());
     let mut dice = Dice(8);
     let points: Vec<(u32, u32, u8)> = (0..20_000)

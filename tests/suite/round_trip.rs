@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 use umbrage::certify::{Oracle, Region};
-use umbrage::reader::query::mh::{MhMap, ResidentMh};
+use umbrage::reader::query::{Map, Resident};
 use umbrage::reader::{Container, FileSource, Limits, MemorySource};
 use umbrage::writer::bake::{BakeOptions, Baked, Light, bake};
 use umbrage::writer::scene;
@@ -34,12 +34,12 @@ impl File {
         File { folder, baked }
     }
 
-    fn on_disk(&self) -> MhMap {
+    fn on_disk(&self) -> Map {
         let source = FileSource::open(&self.folder.join("map.umb")).unwrap();
         map(&Container::open(Arc::new(source), Limits::default()).unwrap())
     }
 
-    fn in_memory(&self) -> ResidentMh {
+    fn in_memory(&self) -> Resident {
         let bytes = std::fs::read(self.folder.join("map.umb")).unwrap();
         assert_eq!(bytes.len() as u64, self.baked.bytes);
         let file = Container::open(Arc::new(MemorySource::new(bytes, "memory")), Limits::default()).unwrap();
@@ -58,8 +58,8 @@ impl Drop for File {
     }
 }
 
-fn map(file: &Container) -> MhMap {
-    MhMap::new(file.structure_named("sun").unwrap()).unwrap()
+fn map(file: &Container) -> Map {
+    Map::new(file.structure_named("sun").unwrap()).unwrap()
 }
 
 #[test]

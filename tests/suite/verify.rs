@@ -7,7 +7,7 @@ use std::sync::Arc;
 use serde_json::Value;
 use umbrage::certify::Oracle;
 use umbrage::format::Rule;
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, FileSource, Limits};
 use umbrage::writer::container::{ContainerOptions, ContainerWriter, PageInput};
 use umbrage::writer::scene;
@@ -49,7 +49,7 @@ fn a_widened_interval_is_caught() {
     let place = Place::new("widened");
     place.fine(&["bake", CITY, "--light", SUN, "--resolution", "256", "--policy", "closed", "-o", "city.umb"]);
     let path = place.0.join("city.umb");
-    let map = MhMap::new(open(&path).structure(0).unwrap()).unwrap();
+    let map = Map::new(open(&path).structure(0).unwrap()).unwrap();
     let mesh = scene::generated(CITY).unwrap().unwrap();
     let snapped = snap(&mesh, map.lattice(), Policy::Closed).unwrap();
     let oracle = Oracle::new(&snapped);

@@ -30,8 +30,8 @@
     clippy::cast_possible_truncation
 )]
 
-pub use super::PageCounts;
-use super::{check_announced, check_place};
+pub use super::tree::PageCounts;
+use super::tree::{check_announced, check_place};
 use crate::error::{FormatError, Rule, Value};
 use crate::page::{FRAME_WORDS, FrameHead, PageContext};
 

@@ -1,5 +1,12 @@
-//! Lookups on the CPU, one room for each kind, and what they share: from a point of the world to a texel and a depth,
-//! from a stored value to light or shadow.
+//! Lookups on the CPU.
+//!
+//! - [`Map`]: pages of one structure, loaded when a lookup needs them;
+//! - [`Resident`]: all pages in one array, for lookups that can't fail;
+//! - [`mh`], [`vector`]: the walk of each kind, a pure function over pages that are there or not;
+//! - here: from a point of the world to a texel and a depth, from a stored value to light or shadow.
+//!
+//! Texels are numbered on the finest level: 0 to `1 << log2_resolution`, minus 1. A lookup at level L answers for the
+//! square of `1 << L` texels on a side around the texel.
 
 #![deny(
     clippy::unwrap_used,
@@ -9,9 +16,16 @@
     clippy::cast_possible_truncation
 )]
 
+pub(crate) mod follow;
+mod map;
 pub mod mh;
+mod resident;
+pub mod vector;
 
 use umbrage_format::projection::Lattice;
+
+pub use map::{Answer, Descent, Map, PageView};
+pub use resident::Resident;
 
 /// Light or shadow at a point of the world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@
 use umbrage_format::checksum::{SectionCrc, block_crc, content_hash, header_crc, page_crc};
 use umbrage_format::section::PAGES;
 use umbrage_format::{BlockHeader, Header, PageRecord, Rule, SectionRecord, StructureRecord};
-use umbrage_reader::query::mh::MhMap;
+use umbrage_reader::query::Map;
 use umbrage_reader::{Container, Limits, ReaderError};
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -18,7 +18,7 @@ fn exercise(file: &Container) {
             let _ = s.page_bytes(ordinal).and_then(|b| b.check_frame()).and_then(|f| f.check_kind());
             let _ = s.dependencies(ordinal);
         }
-        let Ok(map) = MhMap::new(s) else { continue };
+        let Ok(map) = Map::new(s) else { continue };
         let resident = map.preload().ok();
         let side = map.resolution().min(8);
         for level in [0, 1, 2, 3, 9, 255] {
@@ -390,7 +390,7 @@ fn an_unknown_optional_section_is_skipped_and_verified() {
     let opened = open(file.clone()).unwrap();
     assert_eq!(opened.sections()[3].kind.get(), PAGES);
     assert!(faults(&opened).is_empty(), "{:?}", faults(&opened));
-    let map = MhMap::new(opened.structure(0).unwrap()).unwrap();
+    let map = Map::new(opened.structure(0).unwrap()).unwrap();
     assert_eq!(map.texel(3, 4, 0).unwrap().value, tree.lookup(3, 3, 4, 0));
 
     let mut bad = file.clone();
@@ -421,7 +421,7 @@ fn nothing_ends_at_4_gib() {
     drop(file);
     let source = umbrage_reader::FileSource::open(&path).unwrap();
     let file = Container::open(std::sync::Arc::new(source), Limits::default()).unwrap();
-    let map = MhMap::new(file.structure(0).unwrap()).unwrap();
+    let map = Map::new(file.structure(0).unwrap()).unwrap();
     for (x, y) in (0..8).flat_map(|y| (0..8).map(move |x| (x, y))) {
         let answer = map.texel(x, y, 0).unwrap();
         assert_eq!(answer.value, tree.lookup(3, x, y, 0));
@@ -451,7 +451,7 @@ fn a_child_in_the_wrong_place_is_found_by_preload_and_verify() {
     bytes[RECORD + 128 + 28..][..4].copy_from_slice(&(y ^ size).to_le_bytes());
     repair(&mut bytes);
     assert_eq!(broken(bytes.clone()).first(), Some(&"mh.link"));
-    let map = MhMap::new(open(bytes).unwrap().structure(0).unwrap()).unwrap();
+    let map = Map::new(open(bytes).unwrap().structure(0).unwrap()).unwrap();
     assert_eq!(map.preload().unwrap_err().rule().map(|r| r.id()), Some("mh.link"));
 }
 
@@ -470,7 +470,7 @@ fn depths_that_do_not_hold_every_answer_are_found_by_preload_and_verify() {
         (r.min_depth, r.max_depth) = (min.into(), max.into());
         repair(&mut bytes);
         assert_eq!(broken(bytes.clone()), ["mh.depths"], "page {ordinal}");
-        let map = MhMap::new(open(bytes).unwrap().structure(0).unwrap()).unwrap();
+        let map = Map::new(open(bytes).unwrap().structure(0).unwrap()).unwrap();
         assert_eq!(map.preload().unwrap_err().rule().map(|r| r.id()), Some("mh.depths"));
     }
 }

@@ -5,7 +5,7 @@ use umbrage_format::index::FORM_FLAT;
 use umbrage_format::page::{FrameHead, TAG_FLAT};
 use umbrage_format::{Kind, PageRecord};
 use umbrage_reader::ReaderError;
-use umbrage_reader::query::mh::MhMap;
+use umbrage_reader::query::Map;
 use umbrage_writer::container::{ContainerOptions, ContainerWriter, PageInput, WriteError};
 
 use crate::tree::{Folder, ID, open, structure, write};
@@ -30,37 +30,15 @@ fn shared(mut p: PageInput) -> PageInput {
 
 #[test]
 fn typed_leaves_dependencies_light_axis_and_lists() {
-    // vector: four leaves; words: constant | plane base, dx | dy | line a, b, near, far | mask bits, palette of 3.
-    let vector = page(
-        Kind::Vector.tag(),
-        0b01_01_01_01,
-        0,
-        4,
-        &[
-            0x0000_0001,
-            0x4000_0000, // constant
-            0x0000_0002,
-            0x4100_0000,
-            0x0010_FFF0, // plane: base, slopes
-            0x0000_0003,
-            0x1234_5678,
-            0x0000_00C8,
-            0x5000_0000,
-            0x6000_0000, // line: two sides
-            0x0003_0004,
-            0x0123_2101,
-            0x7000_0000,
-            0x7100_0000,
-            0x7200_0000, // mask with a palette
-        ],
-    );
+    // stack: a tree that chooses its axis, its types in words of its own.
+    let adaptive = page(Kind::Stack.tag(), 0, 0, 4, &[0x0000_0001, 0x4000_0000, 0x0000_0002, 0x4100_0000, 0x0010_FFF0]);
     // mmh: the root refers to two shared pages by their place in its dependencies, with differences.
     let mut mmh_root = page(Kind::Mmh.tag(), 0b10, 0, 4, &[0x0000_02E4, 0x1000_0000, 0x0001_0000, 0xFFFF_FFFF]);
     mmh_root.dependencies = vec![1, 2];
     let mut mmh_first = shared(page(Kind::Mmh.tag(), 0b01_01, 0, 2, &[5, 0xFFFF_FFFB]));
     mmh_first.dependencies = vec![2];
     let mmh_second = shared(page(Kind::Mmh.tag(), 0b01, 0, 0, &[7]));
-    // stack: 3 axes, 8 children, 16-bit masks; lights 0..16. The child page covers lights 8..16 of a quarter.
+    // mh-stack: 3 axes, 8 children, 16-bit masks; lights 0..16. The child page covers lights 8..16 of a quarter.
     let mut stack = page(Kind::MhStack.tag(), 0, 1, 4, &[0x0000_E41B, 0x2000_0000, 0x0000_0001]);
     stack.record.log2_l = 4;
     let mut stack_child = page(Kind::MhStack.tag(), 0, 0, 2, &[0x0000_5555, 1, 2, 3, 4, 5, 6, 7, 8]);
@@ -75,7 +53,7 @@ fn typed_leaves_dependencies_light_axis_and_lists() {
     mmh.shared_pages = 2.into();
     (mmh.records_per_block, mmh.index_block_log2) = (2.into(), 12);
     let parts = vec![
-        (structure("vector", Kind::Vector, 4, 1), vec![vector]),
+        (structure("adaptive", Kind::Stack, 4, 1), vec![adaptive]),
         (mmh, vec![mmh_root, mmh_first, mmh_second]),
         (structure("stack", Kind::MhStack, 4, 2), vec![stack, stack_child]),
         (structure("quads", Kind::Quads, 4, 1), vec![quads]),
@@ -100,7 +78,7 @@ fn typed_leaves_dependencies_light_axis_and_lists() {
                     && text.contains("not supported by this version")
             );
         }
-        assert!(matches!(MhMap::new(view), Err(ReaderError::WrongKind { .. })));
+        assert!(matches!(Map::new(view), Err(ReaderError::UnsupportedKind { .. })));
     }
 }
 

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use umbrage_format::Kind;
 use umbrage_format::projection::UNCOVERED;
-use umbrage_reader::query::mh::{MhMap, PageView, descend};
+use umbrage_reader::query::Map;
+use umbrage_reader::query::mh::{PageView, descend};
 use umbrage_reader::query::{Visibility, is_lit};
 use umbrage_reader::{Container, FileSource, Limits, ReaderError, Source};
 use umbrage_writer::container::{ContainerOptions, ContainerWriter};
@@ -13,7 +14,7 @@ use umbrage_writer::container::{ContainerOptions, ContainerWriter};
 use crate::tree::{Dice, Folder, ID, Naive, grow, open, pages, small, structure, write};
 
 /// Every texel at every level, lazily and resident, against the naive tree.
-fn compare(tree: &Naive, log2: u8, map: &MhMap) {
+fn compare(tree: &Naive, log2: u8, map: &Map) {
     let resident = map.preload().unwrap();
     for level in 0..=log2 + 1 {
         for (x, y) in (0..1u32 << log2).flat_map(|y| (0..1u32 << log2).map(move |x| (x, y))) {
@@ -41,7 +42,7 @@ fn trees_of_all_sizes_answer_as_the_naive_tree() {
             &[(structure("sun", Kind::Mh, log2, count), pages)],
         );
         let file = open(bytes).unwrap();
-        let map = MhMap::new(file.structure_named("sun").unwrap()).unwrap();
+        let map = Map::new(file.structure_named("sun").unwrap()).unwrap();
         compare(&tree, log2, &map);
         let summary = file.verify(|e| panic!("{e}"));
         assert_eq!((summary.pages, summary.faults), (count as u64, 0));
@@ -58,10 +59,10 @@ fn file_map_and_memory_give_the_same_answers() {
     #[allow(unsafe_code)]
     let mapped = unsafe { umbrage_reader::MapSource::map(&path) }.unwrap();
     let sources: [Arc<dyn Source>; 2] = [Arc::new(FileSource::open(&path).unwrap()), Arc::new(mapped)];
-    compare(&tree, 3, &MhMap::new(open(bytes).unwrap().structure(0).unwrap()).unwrap());
+    compare(&tree, 3, &Map::new(open(bytes).unwrap().structure(0).unwrap()).unwrap());
     for source in sources {
         let file = Container::open(source, Limits::default()).unwrap();
-        compare(&tree, 3, &MhMap::new(file.structure(0).unwrap()).unwrap());
+        compare(&tree, 3, &Map::new(file.structure(0).unwrap()).unwrap());
         assert_eq!(file.verify(|e| panic!("{e}")).faults, 0);
     }
 }
@@ -84,7 +85,7 @@ fn several_structures_in_one_file_and_the_same_bytes_each_time() {
         let file = open(bytes).unwrap();
         assert_eq!(file.verify(|e| panic!("{e}")).faults, 0);
         for (tree, log2) in trees.iter().zip(3u8..) {
-            let map = MhMap::new(file.structure_named(&format!("light {log2}")).unwrap()).unwrap();
+            let map = Map::new(file.structure_named(&format!("light {log2}")).unwrap()).unwrap();
             compare(tree, log2, &map);
         }
         let error = file.structure_named("moon").unwrap_err().to_string();
@@ -102,7 +103,7 @@ fn the_first_answer_takes_two_reads_and_64_kib() {
     let path = folder.0.join("map.umb");
     std::fs::write(&path, &bytes).unwrap();
     let file = Container::open(Arc::new(FileSource::open(&path).unwrap()), Limits::default()).unwrap();
-    let map = MhMap::new(file.structure(0).unwrap()).unwrap();
+    let map = Map::new(file.structure(0).unwrap()).unwrap();
     assert_eq!(map.texel(100, 200, 6).unwrap().value, tree.lookup(9, 100, 200, 6));
     let counters = file.counters();
     assert_eq!((counters.reads, counters.pages), (2, 1));
@@ -124,7 +125,7 @@ fn nothing_resident_is_lit_and_names_the_root() {
 #[test]
 fn world_points_are_held_against_the_texel() {
     let (tree, bytes) = small("world");
-    let map = MhMap::new(open(bytes).unwrap().structure(0).unwrap()).unwrap();
+    let map = Map::new(open(bytes).unwrap().structure(0).unwrap()).unwrap();
     let resident = map.preload().unwrap();
     let value = tree.lookup(3, 5, 2, 0);
     for depth in [f64::from(value) - 0.5, f64::from(value), f64::from(value) + 0.5] {

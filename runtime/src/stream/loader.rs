@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use umbrage_format::Kind;
 use umbrage_reader::{ReaderError, Structure};
 
 use crate::residency::LoadedPage;
@@ -81,13 +80,14 @@ fn work(structure: &Structure, incoming: &Mutex<Receiver<u32>>, outgoing: &Sende
     }
 }
 
-/// Reads a page and checks it as far as this version knows its kind: CRC and frame always, nodes for `mh`.
+/// Reads a page and checks it as far as this version knows its kind: CRC and frame always, nodes where the kind has a
+/// layout.
 pub fn load(structure: &Structure, ordinal: u32) -> Result<LoadedPage, ReaderError> {
     let frame = structure.page_bytes(ordinal)?.check_frame()?;
     let record = *frame.record();
     let dependencies = if record.dep_count.get() == 0 { Vec::new() } else { structure.dependencies(ordinal)? };
     let words: Arc<[u32]> =
-        if structure.kind() == Kind::Mh { frame.check_kind()?.words().into() } else { frame.words().into() };
+        if structure.kind().has_layout() { frame.check_kind()?.words().into() } else { frame.words().into() };
     Ok(LoadedPage {
         ordinal,
         first_child: record.first_child.get(),

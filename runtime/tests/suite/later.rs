@@ -29,9 +29,9 @@ fn shared(body: &[u32], mask: u8, level: u8, dependencies: &[u32]) -> PageInput 
 }
 
 #[test]
-fn vector_shared_stack_and_flat_pages_pass_unchanged() {
+fn adaptive_shared_stack_and_flat_pages_pass_unchanged() {
     let leaves: Vec<u32> = (0..300).map(|i| 0x4000_0000 ^ (i * 77)).collect();
-    let vector = page(Kind::Vector.tag(), 0b01_01_01_01, 0, 4, &leaves);
+    let adaptive = page(Kind::Stack.tag(), 0, 0, 4, &leaves);
     let mut mmh = page(Kind::Mmh.tag(), 0b10, 0, 4, &[0x0000_02E4, 0x1000_0000, 0x0001_0000, 0xFFFF_FFFF]);
     mmh.dependencies = vec![1, 2];
     let mut mmh_record = structure("mmh", Kind::Mmh, 4, 3);
@@ -48,7 +48,7 @@ fn vector_shared_stack_and_flat_pages_pass_unchanged() {
     (quads.record.log2_x, quads.record.log2_y) = (4, 4);
 
     let parts = vec![
-        (structure("vector", Kind::Vector, 4, 1), vec![vector]),
+        (structure("adaptive", Kind::Stack, 4, 1), vec![adaptive]),
         (mmh_record, vec![mmh, shared(&[5, 0xFFFF_FFFB], 0b01_01, 2, &[2]), shared(&[7], 0b01, 0, &[])]),
         (structure("stack", Kind::MhStack, 4, 2), vec![stack, child]),
         (structure("quads", Kind::Quads, 4, 1), vec![quads]),

@@ -102,7 +102,7 @@ fn a_million_queries_on_a_random_tree() {
     let structure = opened(bytes);
     hold("tree", &structure, 17);
     // And the reader's walk is the naive tree's, so the device's is.
-    let map = umbrage_reader::query::mh::MhMap::new(structure).unwrap();
+    let map = umbrage_reader::query::Map::new(structure).unwrap();
     assert_eq!(map.texel(517, 300, 0).unwrap().value, tree.lookup(10, 517, 300, 0));
 }
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use umbrage_reader::query::mh::MhMap;
+use umbrage_reader::query::Map;
 use umbrage_reader::{Container, FileSource, Limits, MemorySource, Source};
 use umbrage_runtime::gpu::{Pixel, ViewStats};
 use umbrage_runtime::lattice::FrameLattice;
@@ -13,7 +13,7 @@ use crate::support::{city, device, opened, random_tree, shared_city};
 use crate::tree::{Dice, Folder};
 
 /// Receivers all over the map and a little beyond, at depths around the stored ones.
-fn receivers(map: &MhMap, dice: &mut Dice, count: usize) -> Vec<Receiver> {
+fn receivers(map: &Map, dice: &mut Dice, count: usize) -> Vec<Receiver> {
     let side = map.resolution();
     (0..count)
         .map(|_| {
@@ -25,7 +25,7 @@ fn receivers(map: &MhMap, dice: &mut Dice, count: usize) -> Vec<Receiver> {
 }
 
 /// Holds a pixel against the reader's map.
-fn right(map: &MhMap, r: &Receiver, p: &Pixel) {
+fn right(map: &Map, r: &Receiver, p: &Pixel) {
     let side = map.resolution();
     if r.x >= side || r.y >= side {
         assert!(p.lit && p.outside && !p.ancestor);
@@ -55,7 +55,7 @@ fn show(name: &str, stats: &ViewStats, start: Instant) {
 fn a_city_is_exact_with_room_and_without() {
     let headless = device();
     let structure = opened(shared_city());
-    let map = MhMap::new(structure.clone()).unwrap();
+    let map = Map::new(structure.clone()).unwrap();
     let receivers = receivers(&map, &mut Dice(2), 300_000);
     for budget in [64 << 20, 1 << 20] {
         let start = Instant::now();
@@ -80,7 +80,7 @@ fn a_view_that_does_not_fit_goes_in_parts_or_stops_with_ancestors() {
     let headless = device();
     let (_, bytes) = random_tree("view-parts", 9, 11, &[9, 8, 7, 6, 5, 4]);
     let structure = opened(bytes);
-    let map = MhMap::new(structure.clone()).unwrap();
+    let map = Map::new(structure.clone()).unwrap();
     let receivers = receivers(&map, &mut Dice(3), 20_000);
     let smallest = match GpuStreamer::new(&headless.device, &headless.queue, &structure, 1000) {
         Err(RuntimeError::Budget(e)) => e.needed,
@@ -115,7 +115,7 @@ fn a_broken_page_is_answered_by_its_ancestor_and_named_once() {
     let broken = 3;
     let at = structure.page_record(broken).unwrap().offset.get() as usize;
     bytes[at + 8] ^= 1;
-    let whole = MhMap::new(structure).unwrap();
+    let whole = Map::new(structure).unwrap();
     let structure = opened(bytes);
     let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, 16 << 20).unwrap();
     let receivers: Vec<_> = (0..256 * 256).map(|i| Receiver { x: i % 256, y: i / 256, depth: 1 << 30 }).collect();
@@ -317,7 +317,7 @@ fn a_file_on_disk_streams_as_one_in_memory() {
     let (_, bytes) = random_tree("stream-tree", 12, 9, &[6, 3]);
     std::fs::write(&path, &bytes).unwrap();
     let file = Container::open(Arc::new(FileSource::open(&path).unwrap()), Limits::default()).unwrap();
-    let map = MhMap::new(opened(bytes)).unwrap();
+    let map = Map::new(opened(bytes)).unwrap();
     let structure = file.structure(0).unwrap();
     let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, 4 << 20).unwrap();
     let receivers = receivers(&map, &mut Dice(5), 50_000);

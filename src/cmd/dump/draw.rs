@@ -3,10 +3,11 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
+use umbrage::format::Kind;
 use umbrage::format::kind::mh::{Children, Mask, Node};
-use umbrage::format::page::FrameHead;
+use umbrage::format::kind::vector;
 use umbrage::format::projection::UNCOVERED;
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::render::RgbImage;
 
 use super::super::{Failure, go_on};
@@ -23,7 +24,7 @@ pub enum Picture {
 }
 
 /// Draws a level, one pixel a texel of that level.
-pub fn picture(map: &MhMap, level: u8, what: Picture) -> Result<RgbImage, Failure> {
+pub fn picture(map: &Map, level: u8, what: Picture) -> Result<RgbImage, Failure> {
     let side = map.resolution() >> level;
     let pixels = match what {
         Picture::Depth => depths(&rows(map, level, |x, y| Ok(map.texel(x, y, level)?.value))?),
@@ -37,7 +38,7 @@ pub fn picture(map: &MhMap, level: u8, what: Picture) -> Result<RgbImage, Failur
 }
 
 /// Asks the first texel of each square of a level, row by row.
-fn rows(map: &MhMap, level: u8, ask: impl Fn(u32, u32) -> Result<u32, Failure> + Sync) -> Result<Vec<u32>, Failure> {
+fn rows(map: &Map, level: u8, ask: impl Fn(u32, u32) -> Result<u32, Failure> + Sync) -> Result<Vec<u32>, Failure> {
     let side = map.resolution() >> level;
     let row = |y: u32| -> Result<Vec<u32>, Failure> {
         if !go_on() {
@@ -62,7 +63,7 @@ fn depths(values: &[u32]) -> Vec<[u8; 3]> {
 }
 
 /// Nodes of `level` and finer in each square of that level.
-fn nodes(map: &MhMap, level: u8) -> Result<Vec<u32>, Failure> {
+fn nodes(map: &Map, level: u8) -> Result<Vec<u32>, Failure> {
     let side = (map.resolution() >> level) as usize;
     let counts: Vec<AtomicU32> = (0..side * side).map(|_| AtomicU32::new(0)).collect();
     let count = |at_level: u8, x: u32, y: u32| {
@@ -76,16 +77,17 @@ fn nodes(map: &MhMap, level: u8) -> Result<Vec<u32>, Failure> {
             return Err(Failure::interrupted());
         }
         let (page, r) = (s.page(ordinal)?, s.page_record(ordinal)?);
-        if let Some(head) = FrameHead::decode(page.words()) {
-            let origin = [r.origin_x.get(), r.origin_y.get()];
-            walk(page.words(), 2, Mask(head.root_mask), head.root_level, origin, &count);
+        let (head, [x, y]) = (page.head(), [r.origin_x.get(), r.origin_y.get()]);
+        match s.kind() {
+            Kind::Vector => vector::nodes(page.words(), head, |n| count(n.level, x + n.x, y + n.y)),
+            _ => walk(page.words(), 2, Mask(head.root_mask), head.root_level, [x, y], &count),
         }
         Ok(())
     })?;
     Ok(counts.into_iter().map(AtomicU32::into_inner).collect())
 }
 
-/// Every node of the group at word `start` and below, with its level and first texel. The page is checked: at most
+/// Every node of the group at word `start` of an `mh` page and below, with its level and first texel. The page is checked: at most
 /// 25 levels.
 fn walk(words: &[u32], start: u16, mask: Mask, level: u8, origin: [u32; 2], count: &impl Fn(u8, u32, u32)) {
     for c in (0..4).filter(|c| mask.child(*c).words() > 0) {

@@ -1,14 +1,16 @@
 //! `umbrage dump`: what is in a container, by the reader's own checks.
 //!
-//! `summary`: figures, for people and as JSON; `page`: one page; `draw`: pictures.
+//! `summary`: figures, for people and as JSON; `page`: one page; `draw`: pictures; `vector`: sections of a
+//! page.
 
 mod draw;
 mod page;
 mod summary;
+mod vector;
 
 use std::path::PathBuf;
 
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::render::write_png;
 
 use super::output::line;
@@ -60,7 +62,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
             let message = format!("--level {level}: expected {} to {finest}", finest.saturating_sub(LARGEST));
             return Err(Failure::new(USAGE, message));
         }
-        write_png(path, &draw::picture(&MhMap::new(s)?, level, args.draw)?)?;
+        write_png(path, &draw::picture(&Map::new(s)?, level, args.draw)?)?;
         return line(&path.display().to_string());
     }
     if let Some(name) = &args.light {

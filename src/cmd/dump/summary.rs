@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
-use umbrage::format::header::Header;
-use umbrage::format::{SectionRecord, StructureRecord};
+use umbrage::format::kind::vector::Header;
+use umbrage::format::{Kind, SectionRecord, StructureRecord};
 use umbrage::reader::{Container, Structure};
 use umbrage::writer::bake::policy_of;
 
 use super::super::output::{bytes, line};
 use super::super::{Failure, go_on};
+use super::vector::{self, SECTIONS};
 
 /// Everything about the file, or about one light.
 pub fn of(container: &Container, light: Option<&str>) -> Result<Value, Failure> {
@@ -17,7 +18,7 @@ pub fn of(container: &Container, light: Option<&str>) -> Result<Value, Failure> 
     let id: String = container.file_id().iter().map(|b| format!("{b:02x}")).collect();
     let lights = container.structures().filter(|s| light.is_none_or(|n| n == s.name()));
     let lights = lights.map(|s| structure(&s)).collect::<Result<Vec<_>, _>>()?;
-    let tables = Header::BYTES + container.sections().len() * SectionRecord::BYTES;
+    let tables = umbrage::format::Header::BYTES + container.sections().len() * SectionRecord::BYTES;
     let records = container.structure_count() as usize * StructureRecord::BYTES;
     Ok(json!({
         "file": container.file().to_string(),
@@ -38,6 +39,7 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
     let index = u64::from(s.block_count()) * r.block_bytes();
     let (mut levels, mut words, mut dependencies) = (BTreeMap::<u8, u64>::new(), 0, 0);
     let (mut largest, mut first, mut end, mut pad) = (0, 0, None, 0);
+    let (mut sections, mut palette) = ([0u64; SECTIONS.len()], Palette::default());
     for ordinal in 0..s.page_count() {
         if !go_on() {
             return Err(Failure::interrupted());
@@ -53,6 +55,11 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
         if ordinal == 0 {
             first = own * 4;
         }
+        if s.kind() == Kind::Vector {
+            let page = s.page(ordinal)?;
+            sections.iter_mut().zip(vector::sections(&page)).for_each(|(sum, n)| *sum += n);
+            palette.add(&Header::decode(page.words()));
+        }
     }
     let pages = u64::from(s.page_count());
     let total = index + words * 4 + pad + StructureRecord::BYTES as u64;
@@ -62,7 +69,18 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
         2f64.powi(l.subtexel_bits.into()) / steps
     };
     let depth = l.world_to_lattice[2];
-    Ok(json!({
+    let mut parts = json!({
+        "total": total, "index": index, "alignment": pad, "record": StructureRecord::BYTES,
+    });
+    let own: Vec<(&str, u64)> = match s.kind() {
+        Kind::Vector => SECTIONS.into_iter().zip(sections.map(|words| words * 4)).collect(),
+        _ => {
+            let nodes = [("leaf_nodes", nodes[0] * 4), ("inner_nodes", nodes[1] * 8), ("empty_nodes", nodes[2] * 4)];
+            nodes.into_iter().chain([("frames", pages * 8)]).collect()
+        }
+    };
+    own.into_iter().for_each(|(name, n)| parts[name] = n.into());
+    let mut summary = json!({
         "name": s.name(),
         "kind": s.kind().name(),
         "resolution": side,
@@ -81,14 +99,43 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
         "largest_page_bytes": largest,
         "first_look_bytes": 16384 + first,
         "pages_by_level": levels.iter().rev().map(|(k, n)| json!({"level": k, "pages": n})).collect::<Vec<_>>(),
-        "bytes": {
-            "total": total,
-            "leaf_nodes": nodes[0] * 4, "inner_nodes": nodes[1] * 8, "empty_nodes": nodes[2] * 4,
-            "frames": pages * 8, "index": index, "alignment": pad, "record": StructureRecord::BYTES,
-        },
-        "value_bits": {"32": nodes[0] + nodes[1]},
+        "bytes": parts,
         "uncompressed_bytes": side * side * 4 * u64::from(r.root_count.get()),
-    }))
+    });
+    match s.kind() {
+        Kind::Vector => summary["palette"] = palette.json(),
+        _ => summary["value_bits"] = json!({"32": nodes[0] + nodes[1]}),
+    }
+    Ok(summary)
+}
+
+/// How much the palettes of all pages hold.
+#[derive(Default)]
+struct Palette {
+    lines: u64,
+    constants: u64,
+    planes: u64,
+    splits: u64,
+    masks: u64,
+    raws: u64,
+}
+
+impl Palette {
+    fn add(&mut self, h: &Header) {
+        self.lines += u64::from(h.lines);
+        self.constants += u64::from(h.constants);
+        self.planes += u64::from(h.planes);
+        self.splits += u64::from(h.splits);
+        self.masks += u64::from(h.masks);
+        self.raws += u64::from(h.raws);
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "lines": self.lines, "constants": self.constants, "planes": self.planes, "splits": self.splits,
+            "masks": self.masks, "raws": self.raws,
+        })
+    }
 }
 
 /// Lines for people.
@@ -175,18 +222,15 @@ fn print_light(l: &Value) -> Result<(), Failure> {
             total as f64 / nodes.max(1) as f64
         ),
     )?;
-    row(
-        "bytes",
-        format!(
-            "leaves {}, inner {}, empty {}, frames {}, index {}, alignment {}",
-            bytes(number(&b["leaf_nodes"])),
-            bytes(number(&b["inner_nodes"])),
-            bytes(number(&b["empty_nodes"])),
-            bytes(number(&b["frames"])),
-            bytes(number(&b["index"])),
-            bytes(number(&b["alignment"]))
-        ),
-    )?;
+    if let Some(palette) = l["palette"].as_object() {
+        let sizes: Vec<String> = palette.iter().map(|(name, n)| format!("{n} {name}")).collect();
+        row("palette", sizes.join(", "))?;
+    }
+    let nodes = [("leaves", "leaf_nodes"), ("inner", "inner_nodes"), ("empty", "empty_nodes"), ("frames", "frames")];
+    let own = if l["palette"].is_object() { SECTIONS.map(|name| (name, name)).to_vec() } else { nodes.to_vec() };
+    let parts = own.into_iter().chain([("index", "index"), ("alignment", "alignment")]);
+    let parts: Vec<String> = parts.map(|(name, key)| format!("{name} {}", bytes(number(&b[key])))).collect();
+    row("bytes", parts.join(", "))?;
     row(
         "pages",
         format!(

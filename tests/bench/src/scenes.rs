@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, FileSource, Limits};
 use umbrage::render::{Camera, Scene, UpAxis, View};
 use umbrage::writer::bake::{BakeOptions, Baked, Light, bake};
@@ -100,9 +100,9 @@ pub fn views(scene: &Scene<'_>, cameras: &[Camera], width: u32, height: u32) -> 
 }
 
 /// Opens the only structure of a file.
-pub fn open(file: &Path) -> Result<MhMap, Failure> {
+pub fn open(file: &Path) -> Result<Map, Failure> {
     let container = Container::open(Arc::new(FileSource::open(file)?), Limits::default())?;
-    Ok(MhMap::new(container.structure(0)?)?)
+    Ok(Map::new(container.structure(0)?)?)
 }
 
 /// A folder that goes away with its files.

@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use umbrage_format::checksum::{block_crc, content_hash, header_crc, page_crc};
 use umbrage_format::section::{INDEX, STRUCTURES};
 use umbrage_format::{BlockHeader, Header, Kind, PageRecord, SectionRecord, StructureRecord};
-use umbrage_reader::query::mh::MhMap;
+use umbrage_reader::query::Map;
 use umbrage_reader::{Container, Limits, MemorySource};
 use umbrage_writer::container::ContainerOptions;
 use zerocopy::{FromBytes, IntoBytes};
@@ -140,7 +140,7 @@ fn ask(file: &Container) {
     file.verify(|_| faults += 1);
     for s in file.structures() {
         let supported = s.kind() == Kind::Mh;
-        let map = match MhMap::new(s) {
+        let map = match Map::new(s) {
             Ok(map) => map,
             Err(e) => {
                 assert!(faults > 0 || !supported, "verified, but no map: {e}");

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use umbrage_format::Kind;
-use umbrage_reader::query::mh::MhMap;
+use umbrage_reader::query::Map;
 use umbrage_reader::{Container, FileSource, Limits, MemorySource};
 use umbrage_writer::bake;
 use umbrage_writer::container::{ContainerOptions, ContainerWriter, PageInput};
@@ -103,7 +103,7 @@ impl Image {
 }
 
 /// Writes the pages, reads them back from memory and from the file, and asks everything.
-fn compare(log2: u8, pages: &[PageInput], expected: impl Fn(u32, u32, u8) -> u32) -> MhMap {
+fn compare(log2: u8, pages: &[PageInput], expected: impl Fn(u32, u32, u8) -> u32) -> Map {
     let folder = Folder::new("fuzz-roundtrip");
     let path = folder.0.join("map.umb");
     let records = vec![structure("sun", Kind::Mh, log2, pages.len())];
@@ -114,7 +114,7 @@ fn compare(log2: u8, pages: &[PageInput], expected: impl Fn(u32, u32, u8) -> u32
     writer.finish().expect("a whole file");
     let bytes = std::fs::read(&path).expect("the file");
     let open = |source| Container::open(source, Limits::default()).expect("what the writer wrote");
-    let map = |file: &Container| MhMap::new(file.structure(0).expect("one")).expect("a map");
+    let map = |file: &Container| Map::new(file.structure(0).expect("one")).expect("a map");
     let memory = open(Arc::new(MemorySource::new(bytes, "memory")));
     let file = open(Arc::new(FileSource::open(&path).expect("the file")));
     memory.verify(|e| panic!("{e}"));
@@ -136,7 +136,7 @@ fn compare(log2: u8, pages: &[PageInput], expected: impl Fn(u32, u32, u8) -> u32
 }
 
 /// Holds the records of the pages against the answers, by brute force.
-fn records(image: &Image, values: &[Vec<u32>], map: &MhMap, pages: &[Page]) {
+fn records(image: &Image, values: &[Vec<u32>], map: &Map, pages: &[Page]) {
     let value = |x: u32, y: u32, level: u8| {
         values[usize::from(level)][((y >> level << (image.log2 - level)) + (x >> level)) as usize]
     };

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use umbrage::format::Kind;
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, Limits, MemorySource};
 
 pub use trees::{all, named};
@@ -49,7 +49,7 @@ pub fn points(log2: u8) -> impl Iterator<Item = (u32, u32, u8)> {
 }
 
 /// The answers of the Rust reader as `spec/reader.py texels` prints them.
-pub fn answers(map: &MhMap, root: u32, points: impl Iterator<Item = (u32, u32, u8)>) -> String {
+pub fn answers(map: &Map, root: u32, points: impl Iterator<Item = (u32, u32, u8)>) -> String {
     let mut out = String::from("x,y,level,value,node_level,page,word\n");
     for (x, y, level) in points {
         let a = map.texel_of(root, x << level, y << level, level).unwrap();
@@ -80,7 +80,7 @@ fn golden_files_are_what_the_writer_makes() {
         for s in container.structures().filter(|s| s.kind() == Kind::Mh) {
             let (number, roots, log2) = (s.number(), s.record().root_count.get(), s.record().log2_resolution);
             let structure = s.name().to_string();
-            let map = MhMap::new(s).unwrap();
+            let map = Map::new(s).unwrap();
             for root in 0..roots {
                 let tree = &golden.trees[number as usize][root as usize];
                 for (x, y, level) in points(log2) {

@@ -160,7 +160,7 @@ fn later() -> Golden {
         (p.record.log2_x, p.record.log2_y) = (0, 0);
         p
     };
-    let vector = page(Kind::Vector.tag(), 0b01_01_01_01, 0, 4, &[1, 0x4000_0000, 2, 0x4100_0000, 0x0010_FFF0]);
+    let adaptive = page(Kind::Stack.tag(), 0, 0, 4, &[1, 0x4000_0000, 2, 0x4100_0000, 0x0010_FFF0]);
     let mut mmh = page(Kind::Mmh.tag(), 0b10, 0, 4, &[0x0000_02E4, 0x1000_0000, 0x0001_0000, 0xFFFF_FFFF]);
     mmh.dependencies = vec![1, 2];
     let mut first = shared(page(Kind::Mmh.tag(), 0b01_01, 0, 2, &[5, 0xFFFF_FFFB]));
@@ -180,7 +180,7 @@ fn later() -> Golden {
     merged.shared_pages = 2.into();
     (merged.records_per_block, merged.index_block_log2) = (2.into(), 12);
     let parts = [
-        (record("vector", Kind::Vector, 1), vec![vector]),
+        (record("adaptive", Kind::Stack, 1), vec![adaptive]),
         (merged, vec![mmh, first, second]),
         (record("stack", Kind::MhStack, 2), vec![stack, child]),
         (record("quads", Kind::Quads, 1), vec![quads]),

@@ -4,8 +4,8 @@
 //! themselves in ordinal order, structure by structure. Out: a whole file under the target's name, or none.
 //!
 //! - [`ContainerWriter`] (here): the layout of the file and the walk through it; pages go straight to their place, each
-//!   index block as soon as it is full, header and structure records last. Memory: one block, one page, and 28 bytes
-//!   for each page that a parent has announced.
+//!   index block as soon as it is full, header and structure records last. Memory: one block, one page, and 32 bytes
+//!   for each page that a parent has announced, with the planes that a `vector` page inherits about 200 more.
 //! - [`Target`]: the temporary file beside the target, sync, rename.
 //! - [`WriteError`]: what can go wrong, in words for the one who called.
 //!
@@ -22,7 +22,7 @@ use std::path::Path;
 use umbrage_format::checksum::{content_hash, header_crc, page_crc};
 use umbrage_format::header::{ALIGNMENT_LOG2, DEFAULT_ALIGNMENT_LOG2, MAGIC, VERSION_MAJOR, VERSION_MINOR, align_up};
 use umbrage_format::index::{BlockHeader, IndexContext, MAX_PAGE_WORDS};
-use umbrage_format::kind::mh::{self, Link};
+use umbrage_format::kind::tree::{self, Link};
 use umbrage_format::page::{FrameHead, PageContext, check_frame};
 use umbrage_format::section::{INDEX, NO_STRUCTURE, PAGES, REQUIRED, STRUCTURES, check_table};
 use umbrage_format::{FileId, Header, Kind, PageRecord, SectionRecord, StructureRecord};
@@ -226,20 +226,17 @@ impl ContainerWriter {
             record: &self.structures[self.current],
         };
         check_frame(&page.words, &cx)?;
-        if cx.record.kind() != Some(Kind::Mh) {
-            return Ok(());
-        }
-        let counts = mh::check(&page.words, head, &cx)?;
+        let Some(counts) = tree::check(&page.words, head, &cx) else { return Ok(()) };
+        let counts = counts?;
         for (sum, n) in self.state.nodes.iter_mut().zip([counts.leaves, counts.inner, counts.empty]) {
             *sum += u64::from(n);
         }
         let said = if cx.is_root() { None } else { self.state.announced.pop_front() };
-        if let Some(link) = said {
-            mh::check_link(&link, head, &cx)?;
+        if let Some(link) = &said {
+            tree::check_link(link, head, &cx)?;
         }
         let mut links = vec![None; usize::from(head.child_refs)];
-        let inherited = said.and_then(|link| link.inherited);
-        mh::links(&page.words, head, &cx, inherited, |child, link| links[usize::from(child)] = Some(link));
+        tree::links(&page.words, head, &cx, said.as_ref(), |child, link| links[usize::from(child)] = Some(link));
         self.state.announced.extend(links.into_iter().flatten());
         Ok(())
     }
@@ -269,7 +266,7 @@ impl ContainerWriter {
             s.length = (self.state.end - s.offset.get()).into();
         }
         let record = &mut self.structures[self.current];
-        if record.kind() == Some(Kind::Mh) {
+        if record.kind().is_some_and(Kind::has_layout) {
             let [leaves, inner, empty] = self.state.nodes;
             (record.leaf_nodes, record.inner_nodes, record.empty_nodes) = (leaves.into(), inner.into(), empty.into());
         }

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::error::{FormatError, Rule, Value};
 use crate::kind::mh::Mask;
-use crate::kind::{PageCounts, check_place};
+use crate::kind::tree::{PageCounts, check_place};
 use crate::page::{FrameHead, PageContext};
 
 /// Checks the words of a page whose frame has been checked. Time and memory are linear in the words.

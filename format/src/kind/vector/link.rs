@@ -12,10 +12,10 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use super::eval::{self, Part};
-use super::{Group, Header, Layout, Levels, Plane, Square};
+use super::{Child, Group, Header, Layout, Levels, Plane, Square};
 use crate::error::{FormatError, Rule};
-use crate::kind::check_announced;
 use crate::kind::mh::Mask;
+use crate::kind::tree::check_announced;
 use crate::page::{FrameHead, PageContext};
 
 /// An entry that child pages inherit, cut loose from its page: all that its bounds need.
@@ -104,7 +104,7 @@ pub fn links(
         }
         for c in (0..4).filter(|&c| group.mask.child(c).has_children()) {
             children += 1;
-            let holds = if group.mask.child(c).has_value() { Some(group.index(c)) } else { holds };
+            let holds = if group.mask.child(c).has_value() { Some(Child::of(page, number, c).index) } else { holds };
             let x = x.wrapping_add((c & 1) << (level & 31));
             above_groups.push((x, y.wrapping_add((c >> 1) << (level & 31)), holds));
         }

@@ -1,11 +1,12 @@
 //! Kind `vector`: a quadtree whose nodes hold entries of a palette: constants, planes, splits of both along lines, masks
 //! of 4 x 4 texels, raw depths. `spec/vector.md` is the definition.
 //!
-//! - here: [`Header`], the counts of a page; [`Layout`], where its sections start; the topology ([`Group`]);
+//! - here: [`Header`], the counts of a page; [`Layout`], where its sections start; the topology ([`Group`], [`Child`]);
 //! - [`entry`]: the entries, bit by bit;
 //! - [`eval`]: the value of an entry at a place, and its bounds over a square;
-//! - [`check`]: the rules of a page; [`link`]: what a page says of its child pages;
-//! - [`assemble`]: lays out a page.
+//! - [`check()`]: the rules of a page; [`link`]: what a page says of its child pages;
+//! - [`nodes()`]: every node with its square;
+//! - [`assemble()`]: lays out a page.
 //!
 //! Types of nodes and their masks are those of [`mh`](super::mh); "has a value" reads as "has an entry" here.
 
@@ -22,11 +23,13 @@ mod check;
 pub mod entry;
 pub mod eval;
 pub mod link;
+mod nodes;
 pub use assemble::{Parts, assemble};
 pub use check::check;
 pub use entry::{Line, Mask4, Plane, Raw, Split, Square};
 pub use eval::{bounds, value};
 pub use link::{Link, check_link, links};
+pub use nodes::{Node, nodes};
 
 use super::mh::Mask;
 use crate::page::FrameHead;
@@ -272,7 +275,47 @@ impl Layout {
     }
 }
 
-/// Group `number` of a page as the topology has it, with the ranks of its nodes.
+/// A block of the topology that holds a group: the ranks before it, and the masks before a child and at it.
+#[derive(Clone, Copy)]
+struct Block {
+    ranks: u32,
+    /// Types of the children of the first 8 groups that come before the child, and of the other 8.
+    before: (u64, u64),
+    /// Types of the group's children.
+    mask: Mask,
+}
+
+impl Block {
+    /// Around child `c`, 0 to 3, of group `number`; words outside read as 0.
+    #[inline]
+    fn of(page: &[u32], number: u32, c: u32) -> Self {
+        let at = TOPOLOGY + BLOCK_WORDS * (number / BLOCK_GROUPS);
+        let [ranks, w1, w2, w3, w4] = words::<5>(page, at);
+        let (low, high) = (u64::from(w1) | u64::from(w2) << 32, u64::from(w3) | u64::from(w4) << 32);
+        let first = number % BLOCK_GROUPS < 8;
+        let (own, shift) = (if first { low } else { high }, 8 * (number % 8));
+        let part = own & ((1u64 << (shift + 2 * (c & 3))) - 1);
+        let [mask, ..] = (own >> shift).to_le_bytes();
+        Self { ranks, before: if first { (part, 0) } else { (low, part) }, mask: Mask(mask) }
+    }
+
+    /// Nodes with children before the child.
+    #[inline]
+    const fn children(&self) -> u32 {
+        let (low, high) = self.before;
+        (self.ranks & 0xFFFF) + count(low & CHILDREN, high & CHILDREN)
+    }
+
+    /// Nodes with an entry before the child.
+    #[inline]
+    const fn entries(&self) -> u32 {
+        let (low, high) = self.before;
+        // Of types 1 and 2 the two bits differ.
+        (self.ranks >> 16) + count((low ^ low << 1) & CHILDREN, (high ^ high << 1) & CHILDREN)
+    }
+}
+
+/// Group `number` of a page as the topology has it, with the ranks of its first node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Group {
     /// Types of its children; 0 on a stub.
@@ -287,39 +330,28 @@ impl Group {
     /// Reads a group; words outside read as 0.
     #[inline]
     pub fn of(page: &[u32], number: u32) -> Self {
-        let at = TOPOLOGY + BLOCK_WORDS * (number / BLOCK_GROUPS);
-        let [ranks, a, b, c, d] = words::<5>(page, at);
-        let (low, high) = (u64::from(a) | u64::from(b) << 32, u64::from(c) | u64::from(d) << 32);
-        // The masks before this one: a whole half and part of the other, or part of the first.
-        let shift = 8 * (number % 8);
-        let part = (1u64 << shift) - 1;
-        let (own, first, second) =
-            if number % BLOCK_GROUPS < 8 { (low, low & part, 0) } else { (high, low, high & part) };
-        let [mask, ..] = (own >> shift).to_le_bytes();
-        Self {
-            mask: Mask(mask),
-            children: (ranks & 0xFFFF) + count(first & CHILDREN, second & CHILDREN),
-            entries: (ranks >> 16) + count((first ^ first << 1) & CHILDREN, (second ^ second << 1) & CHILDREN),
-        }
+        let block = Block::of(page, number, 0);
+        Self { mask: block.mask, children: block.children(), entries: block.entries() }
     }
+}
 
-    /// Group of the children of child `c`, which must have some.
-    #[inline]
-    pub const fn below(&self, c: u32) -> u32 {
-        1 + self.children + (self.before(c) & 0xAA).count_ones()
-    }
+/// One child of a group, as a lookup needs it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Child {
+    /// Types of the group's children; 0 on a stub.
+    pub mask: Mask,
+    /// The group of the child's own children, if it has some.
+    pub below: u32,
+    /// Its index, if it has an entry.
+    pub index: u32,
+}
 
-    /// Index of child `c`, which must have an entry.
+impl Child {
+    /// Child `c`, 0 to 3, of group `number`; words outside read as 0.
     #[inline]
-    pub const fn index(&self, c: u32) -> u32 {
-        let low = self.before(c);
-        self.entries + ((low ^ low << 1) & 0xAA).count_ones()
-    }
-
-    /// Types of the children before child `c`.
-    #[inline]
-    const fn before(&self, c: u32) -> u32 {
-        self.mask.0 as u32 & ((1 << (2 * (c & 3))) - 1)
+    pub fn of(page: &[u32], number: u32, c: u32) -> Self {
+        let block = Block::of(page, number, c);
+        Self { mask: block.mask, below: 1 + block.children(), index: block.entries() }
     }
 }
 

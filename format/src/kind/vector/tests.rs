@@ -4,8 +4,9 @@
 use std::vec::Vec;
 
 use super::*;
+use crate::kind::Kind;
 use crate::kind::mh::NodeType;
-use crate::kind::{Kind, PageCounts};
+use crate::kind::tree::PageCounts;
 use crate::page::{PageContext, check_frame};
 use crate::{PageRecord, StructureRecord};
 
@@ -289,13 +290,14 @@ fn random_pages_pass_their_check_and_keep_their_parts() {
             }
             for c in 0..4 {
                 let kind = Mask(mask).child(c);
+                assert_eq!(Child::of(&page, number, c).mask, Mask(mask));
                 nodes[kind as usize] += 1;
                 if kind.has_children() {
                     children += 1;
-                    assert_eq!(group.below(c), children);
+                    assert_eq!(Child::of(&page, number, c).below, children);
                 }
                 if kind.has_value() {
-                    assert_eq!(group.index(c), index);
+                    assert_eq!(Child::of(&page, number, c).index, index);
                     assert_eq!(l.entry(&page, index), tree.indexes[index as usize]);
                     assert_eq!(l.proven(&page, index), proofs && tree.proofs[index as usize]);
                     index += 1;
@@ -312,6 +314,17 @@ fn random_pages_pass_their_check_and_keep_their_parts() {
                 assert!(low <= found && found <= high);
             }
         }
+        let mut seen = [0u32; 4];
+        super::nodes(&page, &head, |n| {
+            seen[n.kind as usize] += 1;
+            let mask = Group::of(&page, n.number / 4).mask;
+            assert_eq!(
+                (mask.child(n.number % 4), n.index),
+                (n.kind, Child::of(&page, n.number / 4, n.number % 4).index)
+            );
+            assert!(n.x + (1 << n.level) <= 1 << record.log2_x && n.y + (1 << n.level) <= 1 << record.log2_y);
+        });
+        assert_eq!(seen[1..], nodes[1..]);
         let mut told = 0;
         links(&page, &head, &cx(root, &record, &structure), None, |child, link| {
             assert_eq!(child, told);

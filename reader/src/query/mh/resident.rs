@@ -1,4 +1,4 @@
-//! All pages of a map in one array: the fast lookup.
+//! The walk of kind `mh` over all pages in one array.
 
 #![deny(
     clippy::unwrap_used,
@@ -9,19 +9,14 @@
 )]
 
 use umbrage_format::kind::mh::{Mask, ROOT_GROUP, child_of};
-use umbrage_format::projection::{Lattice, UNCOVERED};
+use umbrage_format::projection::UNCOVERED;
 
-use super::follow::Follow;
-use super::{MhMap, root_mask};
-use crate::ReaderError;
-use crate::query::{Visibility, locate};
+use super::root_mask;
+use crate::query::resident::GRID_LEVELS;
 
-/// Levels that the grid spans at most: 256 x 256 cells of 20 bytes.
-const GRID_LEVELS: u8 = 8;
-
-/// A map whose pages are all in memory, checked and linked. Lookups can't fail.
+/// Pages that are all checked and linked.
 #[derive(Debug)]
-pub struct ResidentMh {
+pub(in crate::query) struct Tree {
     /// The pages one behind the other.
     words: Vec<u32>,
     /// For each page its first word and its first child.
@@ -30,7 +25,6 @@ pub struct ResidentMh {
     grid: Vec<Walk>,
     grid_level: u8,
     log2_resolution: u8,
-    lattice: Lattice,
 }
 
 /// A walk between two groups.
@@ -50,39 +44,12 @@ struct Walk {
     level: u8,
 }
 
-impl ResidentMh {
-    pub(super) fn load(map: &MhMap) -> Result<Self, ReaderError> {
-        let structure = map.structure();
-        let count = structure.page_count();
-        let mut total = 0u64;
-        for ordinal in 0..count {
-            // Block by block, so that each is held against the one before.
-            structure.touch_block(ordinal)?;
-            total += u64::from(structure.page_record(ordinal)?.hot_words.get());
-        }
-        map.allow_words(total)?;
-        let mut words = Vec::with_capacity(usize::try_from(total).unwrap_or(0));
-        let mut pages = Vec::with_capacity(count as usize);
-        let mut follow = Follow::default();
-        for ordinal in 0..count {
-            // Pages that are not kept by the map need not be kept by it now.
-            let page = map.resident(ordinal).cloned().map_or_else(|| structure.page(ordinal), Ok)?;
-            follow.page(structure, &page)?;
-            // Fits: `allow_words` has seen the sum.
-            pages.push((u32::try_from(words.len()).unwrap_or(u32::MAX), page.record().first_child.get()));
-            words.extend_from_slice(page.words());
-        }
-        let record = structure.record();
-        let mut map = Self {
-            words,
-            pages,
-            grid: Vec::new(),
-            grid_level: record.log2_resolution,
-            log2_resolution: record.log2_resolution,
-            lattice: structure.lattice(),
-        };
-        map.build_grid();
-        Ok(map)
+impl Tree {
+    /// From the pages, their first words and first children, and the walks to the grid's cells.
+    pub(in crate::query) fn new(words: Vec<u32>, pages: Vec<(u32, u32)>, log2_resolution: u8) -> Self {
+        let mut tree = Self { words, pages, grid: Vec::new(), grid_level: log2_resolution, log2_resolution };
+        tree.build_grid();
+        tree
     }
 
     /// Walks to every cell of the grid once.
@@ -146,13 +113,9 @@ impl ResidentMh {
         }
     }
 
-    /// Stored depth at texel (x, y) of root 0 and `level`; [`UNCOVERED`] outside the map.
+    /// Stored depth at a texel of the map.
     #[inline]
-    pub fn value(&self, x: u32, y: u32, level: u8) -> u32 {
-        let log2 = u32::from(self.log2_resolution);
-        if x >> log2 != 0 || y >> log2 != 0 {
-            return UNCOVERED;
-        }
+    pub(in crate::query) fn value(&self, x: u32, y: u32, level: u8) -> u32 {
         if level > self.grid_level {
             return self.walk(self.start(), x, y, level).value;
         }
@@ -165,21 +128,8 @@ impl ResidentMh {
         self.walk(start, x, y, level).value
     }
 
-    /// Light or shadow at a world point. Outside the map: lit, and flagged.
-    pub fn visibility(&self, point: [f64; 3], level: u8) -> Visibility {
-        match locate(&self.lattice, point) {
-            Some((x, y, depth)) => Visibility::inside(depth, self.value(x, y, level)),
-            None => Visibility::OUTSIDE,
-        }
-    }
-
-    /// Texels on a side.
-    pub fn resolution(&self) -> u32 {
-        1 << self.log2_resolution.min(31)
-    }
-
     /// Bytes held.
-    pub fn bytes(&self) -> usize {
+    pub(in crate::query) fn bytes(&self) -> usize {
         self.words.len() * 4 + self.pages.len() * 8 + self.grid.len() * size_of::<Walk>()
     }
 }

@@ -16,7 +16,7 @@ use std::hint::black_box;
 use rayon::prelude::*;
 use serde_json::json;
 use umbrage::certify::Oracle;
-use umbrage::reader::query::mh::ResidentMh;
+use umbrage::reader::query::Resident;
 use umbrage::render::{Hit, Placement, Receiver, Scene, ShadowRays};
 use umbrage::writer::solid::{Policy, SnappedMesh};
 
@@ -307,7 +307,7 @@ impl Areas {
 }
 
 /// All methods on one set of points; the map comes first.
-fn compare(points: &[Point], resident: &ResidentMh, plain: &[u32], side: usize) -> Vec<Outcome> {
+fn compare(points: &[Point], resident: &Resident, plain: &[u32], side: usize) -> Vec<Outcome> {
     let stored = |p: &Point| plain[p.texel[1] as usize * side + p.texel[0] as usize];
     let by_map = |p: &Point| p.query <= resident.value(p.texel[0], p.texel[1], 0);
     // The same work for both: a lookup and a comparison; a bias would be one addition more.

@@ -13,7 +13,7 @@ use serde_json::json;
 use umbrage::format::checksum::page_crc;
 use umbrage::format::kind::mh;
 use umbrage::format::page::{FrameHead, PageContext, check_frame};
-use umbrage::reader::query::mh::MhMap;
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, FileSource, Limits};
 use umbrage::writer::hierarchy::build::Progress;
 use umbrage::writer::layers::{DepthSource, LayersOptions, Projection, Second, SourceError, Square, bake_layers};
@@ -93,7 +93,7 @@ fn opening(file: &Path) -> Result<Opening, Failure> {
     }
     let container = open(file)?;
     let opened = container.counters();
-    let map = MhMap::new(container.structure_named("noise")?)?;
+    let map = Map::new(container.structure_named("noise")?)?;
     let level = map.resolution().ilog2() as u8 - COARSE_LOG2;
     for i in 0..1u32 << (2 * COARSE_LOG2) {
         let [x, y] = [i & 63, i >> 6].map(|v| v << level);

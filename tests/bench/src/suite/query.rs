@@ -7,7 +7,7 @@ use std::hint::black_box;
 
 use rayon::prelude::*;
 use serde_json::json;
-use umbrage::reader::query::mh::{MhMap, ResidentMh};
+use umbrage::reader::query::{Map, Resident};
 use umbrage::render::Scene;
 
 use crate::plot::{Plot, Series};
@@ -95,8 +95,8 @@ struct Bench<'a> {
     name: &'a str,
     resolution: u64,
     log2: u32,
-    resident: ResidentMh,
-    map: MhMap,
+    resident: Resident,
+    map: Map,
     arrays: Arrays,
 }
 
@@ -149,8 +149,8 @@ impl Bench<'_> {
             }
         }
         let level = |l: u8| move |t: Texel| self.resident.value(t[0], t[1], l);
-        let lazy = |map: &MhMap, t: Texel| map.texel(t[0], t[1], 0).map_or(0, |a| a.value);
-        let mut fresh: Vec<MhMap> = Vec::new();
+        let lazy = |map: &Map, t: Texel| map.texel(t[0], t[1], 0).map_or(0, |a| a.value);
+        let mut fresh: Vec<Map> = Vec::new();
         for _ in 0..=ROUNDS {
             fresh.push(scenes::open(file)?);
         }

@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use umbrage_format::kind::mh::{Link, check_link, links};
+use umbrage_format::kind::tree::{Link, check_link, links};
 
 use crate::page::context;
 use crate::{CheckedPage, ReaderError, Structure};
@@ -26,14 +26,13 @@ impl Follow {
     /// Checks the next page and notes what it says of its children.
     ///
     /// # Errors
-    /// `mh.link`, `mh.depths`.
+    /// The rules of the kind about links and depths.
     pub(crate) fn page(&mut self, structure: &Structure, page: &CheckedPage) -> Result<(), ReaderError> {
         let cx = context(structure, page.ordinal(), page.record());
         let said = if cx.is_root() { None } else { self.announced.pop_front().flatten() };
         let first = self.announced.len();
         self.announced.resize(first + usize::from(page.head().child_refs), None);
-        let inherited = said.and_then(|link| link.inherited);
-        links(page.words(), page.head(), &cx, inherited, |child, link| {
+        links(page.words(), page.head(), &cx, said.as_ref(), |child, link| {
             if let Some(slot) = self.announced.get_mut(first + usize::from(child)) {
                 *slot = Some(link);
             }

@@ -1,0 +1,217 @@
+//! Pages of one structure, loaded when a lookup needs them.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation
+)]
+
+use std::sync::OnceLock;
+
+use umbrage_format::projection::Lattice;
+use umbrage_format::{FormatError, Kind, Place, Rule, Value};
+
+use super::{Resident, Visibility, locate, mh, vector};
+use crate::{CheckedPage, ReaderError, Structure};
+
+/// A page as the walk sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct PageView<'a> {
+    /// The words, frame included, in host order.
+    pub words: &'a [u32],
+    /// Ordinal of its first child page.
+    pub first_child: u32,
+}
+
+/// Where a walk ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Descent {
+    /// The answer: the value last seen; [`UNCOVERED`] where there was none.
+    pub value: u32,
+    /// Level of the node that holds the value.
+    pub level: u8,
+    /// Page of that node.
+    pub page: u32,
+    /// That node in its page. In `mh` its word: the value is in this word for a leaf, in the next for an inner node. In
+    /// `vector` its number: `4 * group + c`.
+    pub word: u32,
+    /// The page that the walk needed and did not get: the answer is then that of the nearest ancestor.
+    pub missing: Option<u32>,
+}
+
+/// The answer of a lookup.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// The stored depth; a receiver at lattice depth d is lit iff `ceil(d) <= value`.
+    pub value: u32,
+    /// Level of the node that holds it: at least the level asked for.
+    pub level: u8,
+    /// Page of that node.
+    pub page: u32,
+    /// That node in its page: its word in `mh`, its number `4 * group + c` in `vector`.
+    pub word: u32,
+}
+
+/// A structure of kind `mh` or `vector` whose pages are loaded and checked when a lookup first needs them, and then kept. May be
+/// used from any thread.
+#[derive(Debug)]
+pub struct Map {
+    structure: Structure,
+    pages: Box<[OnceLock<CheckedPage>]>,
+}
+
+impl Map {
+    /// Makes the table of pages; reads nothing.
+    ///
+    /// # Errors
+    /// The structure is of a kind that this version can't query, or the table is above the limits.
+    pub fn new(structure: Structure) -> Result<Self, ReaderError> {
+        if !structure.kind().has_layout() {
+            return Err(ReaderError::UnsupportedKind {
+                file: structure.file().clone(),
+                structure: structure.name().to_string(),
+                kind: structure.kind(),
+            });
+        }
+        let bytes = u64::from(structure.page_count()) * size_of::<OnceLock<CheckedPage>>() as u64;
+        let place = Place::Structure(structure.number());
+        structure.limits().allocate(place, bytes).map_err(|e| structure.fault(e))?;
+        let pages = (0..structure.page_count()).map(|_| OnceLock::new()).collect();
+        Ok(Self { structure, pages })
+    }
+
+    /// The structure.
+    pub fn structure(&self) -> &Structure {
+        &self.structure
+    }
+
+    /// Texels on a side.
+    pub fn resolution(&self) -> u32 {
+        1 << self.structure.record().log2_resolution.min(31)
+    }
+
+    /// The page of an ordinal, loaded where it is not there yet.
+    ///
+    /// # Errors
+    /// As [`Structure::page`].
+    pub fn page(&self, ordinal: u32) -> Result<&CheckedPage, ReaderError> {
+        if let Some(page) = self.resident(ordinal) {
+            return Ok(page);
+        }
+        let page = self.structure.page(ordinal)?;
+        self.pages.get(ordinal as usize).map(|slot| slot.get_or_init(|| page)).ok_or_else(|| ReaderError::OutOfRange {
+            file: self.structure.file().clone(),
+            what: format!("page of structure '{}'", self.structure.name()),
+            number: ordinal,
+            count: self.structure.page_count(),
+        })
+    }
+
+    /// The page of an ordinal if it is loaded.
+    pub fn resident(&self, ordinal: u32) -> Option<&CheckedPage> {
+        self.pages.get(ordinal as usize)?.get()
+    }
+
+    /// Answer of root 0 from the loaded pages alone; `missing` names the page that would refine it.
+    pub fn nearest(&self, x: u32, y: u32, level: u8) -> Descent {
+        self.walk(0, x, y, level)
+    }
+
+    fn view(&self, ordinal: u32) -> Option<PageView<'_>> {
+        let page = self.resident(ordinal)?;
+        Some(PageView { words: page.words(), first_child: page.record().first_child.get() })
+    }
+
+    fn walk(&self, root: u32, x: u32, y: u32, level: u8) -> Descent {
+        let log2 = self.structure.record().log2_resolution;
+        match self.structure.kind() {
+            Kind::Vector => vector::descend(|o| self.view(o), root, log2, x, y, level),
+            _ => mh::descend(|o| self.view(o), root, log2, x, y, level),
+        }
+    }
+
+    /// Answer at texel (x, y) of root 0 and `level`; loads what is missing on the way.
+    ///
+    /// # Errors
+    /// The texel lies outside the map, or a page can't be loaded.
+    pub fn texel(&self, x: u32, y: u32, level: u8) -> Result<Answer, ReaderError> {
+        self.texel_of(0, x, y, level)
+    }
+
+    /// [`texel`](Self::texel) of another root.
+    ///
+    /// # Errors
+    /// As `texel`, or no such root.
+    pub fn texel_of(&self, root: u32, x: u32, y: u32, level: u8) -> Result<Answer, ReaderError> {
+        self.answer(root, x, y, |map| map.walk(root, x, y, level))
+    }
+
+    /// Answer of root 0 at a place inside texel (x, y): `sub` is the place in 1/256 of the texel from its corner of
+    /// smallest x and y. Where the entry is not proven over its whole square, and in kind `mh`, the texel's own answer.
+    ///
+    /// # Errors
+    /// As [`texel`](Self::texel).
+    pub fn continuous(&self, x: u32, y: u32, sub: [u8; 2]) -> Result<Answer, ReaderError> {
+        let log2 = self.structure.record().log2_resolution;
+        self.answer(0, x, y, |map| match map.structure.kind() {
+            Kind::Vector => vector::continuous(|o| map.view(o), 0, log2, x, y, sub),
+            _ => map.walk(0, x, y, 0),
+        })
+    }
+
+    /// Walks again and again, each time with one page more.
+    fn answer(&self, root: u32, x: u32, y: u32, walk: impl Fn(&Self) -> Descent) -> Result<Answer, ReaderError> {
+        let (roots, side) = (self.structure.record().root_count.get(), self.resolution());
+        for (what, number, count) in [("root", root, roots), ("texel column", x, side), ("texel row", y, side)] {
+            if number >= count {
+                let what = format!("{what} of structure '{}'", self.structure.name());
+                return Err(ReaderError::OutOfRange { file: self.structure.file().clone(), what, number, count });
+            }
+        }
+        loop {
+            let d = walk(self);
+            match d.missing {
+                // Each turn loads one page more, and a walk meets at most 25.
+                Some(ordinal) => self.page(ordinal).map(drop)?,
+                None => return Ok(Answer { value: d.value, level: d.level, page: d.page, word: d.word }),
+            }
+        }
+    }
+
+    /// Light or shadow at a world point, on root 0. Outside the map: lit, and flagged.
+    ///
+    /// # Errors
+    /// A page can't be loaded.
+    pub fn visibility(&self, point: [f64; 3], level: u8) -> Result<Visibility, ReaderError> {
+        let Some((x, y, depth)) = locate(&self.lattice(), point) else { return Ok(Visibility::OUTSIDE) };
+        Ok(Visibility::inside(depth, self.texel(x, y, level)?.value))
+    }
+
+    /// World to lattice.
+    pub fn lattice(&self) -> Lattice {
+        self.structure.lattice()
+    }
+
+    /// Loads and checks every page, holds each child page against its parent's node, and copies all into one array.
+    ///
+    /// # Errors
+    /// A page can't be loaded, breaks a rule (those about links among them), or all together are above the limits.
+    pub fn preload(&self) -> Result<Resident, ReaderError> {
+        Resident::load(self)
+    }
+
+    /// Refuses an array of more words than the limits allow or a 32-bit index reaches.
+    pub(super) fn allow_words(&self, words: u64) -> Result<(), ReaderError> {
+        let place = Place::Structure(self.structure.number());
+        let limited = self.structure.limits().allocate(place, words.saturating_mul(4));
+        let addressed = if words <= u64::from(u32::MAX) {
+            Ok(())
+        } else {
+            let (expected, found) = (Value::AtMost(u32::MAX.into()), Value::Number(words));
+            Err(FormatError::new(Rule::LimitAllocation, place, 0, expected, found))
+        };
+        limited.and(addressed).map_err(|e| self.structure.fault(e))
+    }
+}
