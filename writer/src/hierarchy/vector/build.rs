@@ -1,13 +1,13 @@
 //! Runs over the map: a square that one entry answers is done, whatever its size; blocks of 4 x 4 texels are looked at texel
 //! by texel.
 
-use std::collections::HashMap;
+use rustc_hash::FxHashMap as HashMap;
 use std::sync::atomic::Ordering;
 
 use umbrage_format::kind::mh::{Mask, NodeType};
 
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale};
-use super::page::{Forest, Group, Node};
+use super::page::{Forest, Group, Node, SHARES};
 use super::search::Search;
 use super::texels::{self, Block};
 use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree};
@@ -26,6 +26,8 @@ const TILE_LEVEL: u8 = 8;
 const TILE_LIST: usize = 96;
 /// Level of the blocks whose texels are looked at one by one.
 const BLOCK_LEVEL: u8 = 2;
+/// From this level on a node's entry is the one that answers the most of its area.
+const AREA_LEVEL: u8 = 6;
 /// Entries from further up that are tried first.
 const MOST_ABOVE: usize = 4;
 
@@ -83,7 +85,7 @@ fn silhouettes(surfaces: &[Surface]) -> Vec<u8> {
         let (a, b) = ((s.x[k], s.y[k]), (s.x[j], s.y[j]));
         if a < b { ((s.solid, a, b), 1) } else { ((s.solid, b, a), -1) }
     };
-    let mut balance: HashMap<_, i32> = HashMap::new();
+    let mut balance: HashMap<_, i32> = HashMap::default();
     for s in surfaces.iter().filter(|s| s.event == Event::Enter) {
         for k in 0..3 {
             let (key, way) = edge(s, k);
@@ -148,15 +150,15 @@ impl Context<'_> {
             forest.absorb(p.forest, p.node)
         };
         let mut children = [take(a?), take(b?), take(c?), take(d?)];
-        let node = self.merge(at, &mut children, &mut forest);
+        let node = self.merge(at, &mut children, &mut forest, &[]);
         let node = forest.compact(node);
         self.progress.hold_bytes(forest.bytes(), self.spool);
         self.progress.release(released);
         Some(Part { forest, node, counts })
     }
 
-    fn merge(&self, at: At, children: &mut [Node; 4], forest: &mut Forest) -> Node {
-        let mut node = merge(at, children, forest, self.scale);
+    fn merge(&self, at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interval; 16]]) -> Node {
+        let mut node = merge(at, children, forest, exact, self.scale);
         if self.scale.log2_resolution - at.level + 1 >= COARSE_DEPTH {
             forest.cut(&mut node, at, children, self.scale, self.spool);
         }
@@ -179,6 +181,7 @@ impl Context<'_> {
             forest: Forest::default(),
             stack: (0..locals.len() as u32).collect(),
             scratch: Scratch::default(),
+            exact: Vec::new(),
             counts: Counts::default(),
         };
         let node = tile.square(at, 0, &[]);
@@ -199,6 +202,8 @@ struct Tile<'a> {
     /// Lists of the squares on the way down, one behind the other.
     stack: Vec<u32>,
     scratch: Scratch,
+    /// Intervals of the blocks that were looked at texel by texel.
+    exact: Vec<[Interval; 16]>,
     counts: Counts,
 }
 
@@ -241,7 +246,7 @@ impl Tile<'_> {
                 seen.truncate(MOST_ABOVE);
             }
         }
-        self.cx.merge(at, &mut children, &mut self.forest)
+        self.cx.merge(at, &mut children, &mut self.forest, &self.exact)
     }
 
     /// Puts what lies in a square, of the stack's `start..end`, on top of the stack.
@@ -285,20 +290,23 @@ impl Tile<'_> {
             }
             self.stack.truncate(end);
         }
+        let lines = self.search.lines(&self.stack[start..end], p, 4 * size, 6);
+        let exact = self.exact.len() as u32;
+        self.exact.push(intervals);
         let palette = &mut self.forest.palette;
         let mut ready = Vec::new();
         above.iter().for_each(|id| palette.simple(*id, &mut ready));
         ready.truncate(8);
-        match texels::block(palette, &intervals, at.origin, &ready, &planes, self.cx.scale) {
-            Block::One(id) => Node::leaf(id),
+        match texels::block(palette, &intervals, at.origin, &ready, &planes, &lines, self.cx.scale) {
+            Block::One(id) => Node { exact, ..Node::leaf(id) },
             Block::Many(ids) => {
                 let mut quarters = [Node::leaf(OPEN); 4];
                 for (c, node) in quarters.iter_mut().enumerate() {
                     let first = (c & 1) * 2 + (c >> 1) * 8;
                     let mut children = [0, 1, 4, 5].map(|o| Node::leaf(ids[first + o]));
-                    *node = self.cx.merge(at.child(c), &mut children, &mut self.forest);
+                    *node = self.cx.merge(at.child(c), &mut children, &mut self.forest, &[]);
                 }
-                self.cx.merge(at, &mut quarters, &mut self.forest)
+                self.cx.merge(at, &mut quarters, &mut self.forest, &[])
             }
         }
     }
@@ -306,10 +314,15 @@ impl Tile<'_> {
 
 /// Merges four children: their parent takes over the entry that answers the most of them (Scandolo et al. 2016, section
 /// 3.1, with entries in place of intervals).
-fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, scale: Scale) -> Node {
+fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interval; 16]], scale: Scale) -> Node {
     let palette = &forest.palette;
     let agrees = |entry: EntryId, c: usize| {
-        children[c].entry == entry || resolve(palette, entry, at.child(c), scale) == children[c].entry
+        let (node, at) = (&children[c], at.child(c));
+        node.entry == entry
+            || resolve(palette, entry, at, scale) == node.entry
+            || exact
+                .get(node.exact as usize)
+                .is_some_and(|intervals| texels::answers(palette, entry, intervals, at.origin, scale))
     };
     let mut best = (0u32, children[0].entry, 0u8);
     for i in 0..4 {
@@ -325,7 +338,15 @@ fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, scale: Scale) ->
             best = (count, entry, which);
         }
     }
-    let (_, entry, which) = best;
+    let (_, mut entry, mut which) = best;
+    let share = shares(children);
+    if at.level >= AREA_LEVEL {
+        // the most area, not the most children: few nodes, which coarse lookups see
+        let simple = |e: EntryId| !matches!(palette.get(e), Entry::Mask { .. } | Entry::Split { .. });
+        let first = share.iter().find(|s| simple(s.0)).map_or(share[0].0, |s| s.0);
+        entry = first;
+        which = (0..4).filter(|c| agrees(entry, *c)).fold(0u8, |w, c| w | 1 << c);
+    }
     let mut group = Group { mask: Mask(0), entry: [OPEN; 4], below: [NONE; 4] };
     let mut types = [NodeType::None; 4];
     let mut cost = 0;
@@ -343,11 +364,24 @@ fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, scale: Scale) ->
     }
     group.mask = Mask::new(types);
     if group.mask.0 == 0 {
-        return Node::leaf(entry);
+        return Node { share, ..Node::leaf(entry) };
     }
     let below = forest.groups.len() as u32;
     forest.groups.push(group);
-    Node { entry, below, cost: cost + super::page::GROUP_COST }
+    Node { entry, below, cost: cost + super::page::GROUP_COST, share, exact: u32::MAX }
+}
+
+/// Entries by their share of the four children's area, the largest first.
+fn shares(children: &[Node; 4]) -> [(EntryId, f32); SHARES] {
+    let mut all: Vec<(EntryId, f32)> = Vec::with_capacity(4 * SHARES);
+    for (entry, share) in children.iter().flat_map(|c| c.share).filter(|s| s.1 > 0.0) {
+        match all.iter_mut().find(|a| a.0 == entry) {
+            Some(a) => a.1 += share / 4.0,
+            None => all.push((entry, share / 4.0)),
+        }
+    }
+    all.sort_by(|a, b| b.1.total_cmp(&a.1));
+    std::array::from_fn(|i| all.get(i).copied().unwrap_or((all[0].0, 0.0)))
 }
 
 /// What an entry comes to in a square: the side of a split where all centres are on one.

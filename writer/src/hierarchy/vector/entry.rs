@@ -4,7 +4,7 @@
 //! all leaves on a face or along an edge share them. A page stores them relative to its own corner, which rounds: a
 //! plane's stored function lies above `P - 2` and not above `P`, a line's within 2^-19 texel.
 
-use std::collections::HashMap;
+use rustc_hash::FxHashMap as HashMap;
 
 use umbrage_format::projection::UNCOVERED;
 
@@ -160,6 +160,13 @@ impl Line {
         Some(Line { m, c: (position(t) - rise) as i64, axis })
     }
 
+    /// Whether a place of the map, in 1/256 texel, lies beyond the line; nothing where pages may tell it apart.
+    pub fn tells(&self, place: [i64; 2]) -> Option<bool> {
+        let (u, t) = if self.axis { (place[1], place[0]) } else { (place[0], place[1]) };
+        let d = (t << 12) - self.boundary(u);
+        (d.abs() >= 4).then_some(d >= 0)
+    }
+
     /// Intercept of the boundary at U, in 1/256 texel of the map: T in 2^-20 texel.
     pub fn boundary(&self, u: i64) -> i64 {
         self.c + ((i128::from(self.m) * i128::from(u)) >> 19) as i64
@@ -180,7 +187,7 @@ pub struct Palette {
 impl Default for Palette {
     fn default() -> Self {
         let mut palette =
-            Palette { entries: Vec::new(), lines: Vec::new(), by_entry: HashMap::new(), by_line: HashMap::new() };
+            Palette { entries: Vec::new(), lines: Vec::new(), by_entry: HashMap::default(), by_line: HashMap::default() };
         palette.entry(Entry::Constant(UNCOVERED));
         palette
     }

@@ -3,7 +3,7 @@
 //! As for `mh`: whenever a node's groups outgrow [`PAGE_WORDS`], the largest subtrees among its children become pages of
 //! their own; the complete coarse levels stay in the root page.
 
-use std::collections::HashMap;
+use rustc_hash::{FxHashMap as HashMap, FxHashSet as HashSet};
 
 use umbrage_format::kind::mh::{Mask, NodeType};
 use umbrage_format::kind::vector::{self, Layout, Mask4, Parts, Split, Square, assemble};
@@ -40,12 +40,21 @@ pub struct Node {
     pub below: u32,
     /// What all groups below cost that are not in pages of their own, 1/16 word; not less than it will be.
     pub cost: u32,
+    /// Entries that answer the most of it, and which share of its area.
+    pub share: [(EntryId, f32); SHARES],
+    /// Number of its exact intervals in the tile, or `u32::MAX`.
+    pub exact: u32,
 }
+
+/// Entries whose share of a node's area is kept.
+pub const SHARES: usize = 4;
 
 impl Node {
     /// A square that one entry answers.
     pub fn leaf(entry: EntryId) -> Node {
-        Node { entry, below: NONE, cost: 0 }
+        let mut share = [(entry, 0.0); SHARES];
+        share[0].1 = 1.0;
+        Node { entry, below: NONE, cost: 0, share, exact: u32::MAX }
     }
 }
 
@@ -87,6 +96,7 @@ impl Forest {
     pub fn absorb(&mut self, other: Forest, node: Node) -> Node {
         let mut used = vec![false; other.palette.entries.len()];
         used[node.entry as usize] = true;
+        node.share.iter().for_each(|(e, _)| used[*e as usize] = true);
         other.groups.iter().flat_map(|g| g.entry).for_each(|e| used[e as usize] = true);
         other.palette.close(&mut used);
         let map = self.palette.absorb(&other.palette, &used);
@@ -97,7 +107,8 @@ impl Forest {
             entry: g.entry.map(|e| map[e as usize]),
             below: g.below.map(shift),
         }));
-        Node { entry: map[node.entry as usize], below: shift(node.below), ..node }
+        let at = |e: EntryId| map[e as usize];
+        Node { entry: at(node.entry), below: shift(node.below), share: node.share.map(|(e, s)| (at(e), s)), ..node }
     }
 
     /// Drops groups that no longer hang below `node`, and entries that nothing names.
@@ -244,7 +255,7 @@ impl<'a> Sheet<'a> {
             nodes: [0; 3],
             used: Default::default(),
             lines: Vec::new(),
-            number: HashMap::new(),
+            number: HashMap::default(),
         };
         // (group or page, level of its nodes, first texel, entry from above)
         let mut queue = std::collections::VecDeque::from([(group, at.level - 1, 0u32, 0u32, None)]);
@@ -284,9 +295,9 @@ impl<'a> Sheet<'a> {
     fn order(&mut self) {
         let palette = self.palette;
         let mut all: Vec<EntryId> = Vec::new();
-        let mut seen = std::collections::HashSet::new();
+        let mut seen = HashSet::default();
         let mut waiting: Vec<EntryId> = self.own.iter().map(|o| o.entry).collect();
-        let mut parts = std::collections::HashSet::new();
+        let mut parts = HashSet::default();
         while let Some(id) = waiting.pop() {
             if seen.insert(id) {
                 all.push(id);
@@ -298,7 +309,7 @@ impl<'a> Sheet<'a> {
         }
         // entries refer to lower numbers, and what others refer to comes first
         all.sort_unstable_by_key(|id| (!parts.contains(id), *id));
-        let mut lines = std::collections::HashSet::new();
+        let mut lines = HashSet::default();
         for id in all {
             let class = match palette.get(id) {
                 Entry::Constant(_) => 0,

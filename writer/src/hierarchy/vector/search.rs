@@ -50,6 +50,7 @@ struct Cell {
     path: Vec<(usize, bool)>,
     list: Vec<u32>,
     entry: EntryId,
+    value: Entry,
     tip: Option<Tip>,
 }
 
@@ -147,7 +148,8 @@ impl<'a> Search<'a> {
         let lines = self.half_planes(path);
         let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
         if let Some((entry, tip)) = self.simple(palette, list, region) {
-            self.cells.push(Cell { path: path.clone(), list: list.to_vec(), entry, tip });
+            let value = palette.get(entry);
+            self.cells.push(Cell { path: path.clone(), list: list.to_vec(), entry, value, tip });
             return Some(entry);
         }
         if path.len() >= MOST_CUTS || list.len() > CUT_LIST || self.cells.len() >= 4 {
@@ -573,7 +575,28 @@ impl<'a> Search<'a> {
                 })
             })
         };
-        ends_before(a, b) || ends_before(b, a)
+        ends_before(a, b) || ends_before(b, a) || self.meets(i, j, cut, p, size)
+    }
+
+    /// Whether each of two cells' entries is right in the other cell, too, as far as a texel on their border reaches.
+    fn meets(&mut self, i: usize, j: usize, cut: usize, p: [i64; 2], size: i64) -> bool {
+        let HalfPlane { a, b, c } = self.cuts[cut].inside;
+        let far = (a.abs() + b.abs()) << self.scale.subtexel_bits;
+        [(i, j), (j, i)].into_iter().all(|(own, other)| {
+            let cell = &self.cells[own];
+            let inside = cell.path.iter().any(|x| *x == (cut, true));
+            let strip = if inside { HalfPlane { a: -a, b: -b, c: far - c } } else { HalfPlane { a, b, c: c + far } };
+            let mut lines = self.half_planes(&cell.path);
+            lines.push(strip);
+            let list: Vec<u32> = cell.list.iter().copied().filter(|n| self.reaches(*n, strip)).collect();
+            let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
+            let entry = self.simple_entry(other);
+            entry.is_some_and(|e| self.holds(e, &list, region))
+        })
+    }
+
+    fn simple_entry(&self, cell: usize) -> Option<Entry> {
+        Some(self.cells[cell].value)
     }
 
     /// Whether the stored line tells the side of every texel centre of the square as the exact one does, with room for
@@ -631,6 +654,11 @@ impl<'a> Search<'a> {
         let f = &self.rays.surfaces[self.local(front).index as usize];
         let e = self.end(list, centre, front).map(|e| &self.rays.surfaces[self.local(e).index as usize]);
         [behind(f, self.guard, self.scale), e.and_then(|e| between(f, e, self.guard, self.scale))]
+    }
+
+    /// Silhouette edges through the square.
+    pub fn lines(&mut self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
+        self.candidates(list, Region::square(p, size), most).into_iter().map(|c| c.line).collect()
     }
 
     /// Whether the front at the point is level, so that constants do as well as planes.

@@ -1,6 +1,6 @@
 //! A block of 4 x 4 texels, each with its exact interval: the fewest entries that answer all of them.
 
-use super::entry::{Entry, EntryId, OPEN, Palette, Plane, Scale};
+use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale};
 use super::search::fewest_bits;
 use crate::interval::Interval;
 use umbrage_format::projection::UNCOVERED;
@@ -25,6 +25,7 @@ pub fn block(
     origin: [u32; 2],
     ready: &[EntryId],
     planes: &[Plane],
+    lines: &[Line],
     scale: Scale,
 ) -> Block {
     let mut left = 0xFFFFu32;
@@ -44,6 +45,9 @@ pub fn block(
         if !options.iter().any(|o| o.0 == entry) {
             options.push((entry, right(entry), false));
         }
+    }
+    if let Some(id) = split(palette, &options, ready, intervals, origin, lines, scale) {
+        return Block::One(id);
     }
     while left != 0 {
         let new = |o: &(Entry, u32, bool)| (o.1 & left).count_ones();
@@ -83,6 +87,78 @@ pub fn block(
         all[n as usize] = ids[of(n)];
     }
     Block::Many(all)
+}
+
+/// One entry, or two on the sides of a line, the cheapest that is right for all 16.
+fn split(
+    palette: &mut Palette,
+    options: &[(Entry, u32, bool)],
+    ready: &[EntryId],
+    intervals: &[Interval; 16],
+    origin: [u32; 2],
+    lines: &[Line],
+    scale: Scale,
+) -> Option<EntryId> {
+    let _ = ready;
+    // entries that exist cost nothing, the others what they take in a page
+    let price = |o: &(Entry, u32, bool)| if o.2 { 0 } else { 3 };
+    let whole = options.iter().filter(|o| o.1 == 0xFFFF).min_by_key(|o| price(o));
+    if let Some(o) = whole {
+        return Some(palette.entry(o.0));
+    }
+    let (value, count) = stab(intervals, 0xFFFF);
+    if count == 16 {
+        return Some(palette.entry(Entry::Constant(value)));
+    }
+    let cheapest = |need: u32| -> Option<(Entry, u32)> {
+        let ready = options.iter().filter(|o| o.1 & need == need).min_by_key(|o| price(o)).map(|o| (o.0, price(o)));
+        if ready.is_some_and(|r| r.1 == 0) {
+            return ready;
+        }
+        let (value, count) = stab(intervals, need);
+        if count == need.count_ones() { Some((Entry::Constant(value), 1)) } else { ready }
+    };
+    let mut best: Option<(u32, Line, Entry, Entry)> = None;
+    for &line in lines {
+        let Some(beyond) = beyond(&line, origin, scale) else { continue };
+        if beyond == 0 || beyond == 0xFFFF {
+            continue;
+        }
+        let (Some(near), Some(far)) = (cheapest(!beyond & 0xFFFF), cheapest(beyond)) else { continue };
+        let price = near.1 + far.1;
+        if best.is_none_or(|b| price < b.0) {
+            best = Some((price, line, near.0, far.0));
+        }
+    }
+    let (_, line, near, far) = best?;
+    let (line, near, beyond) = (palette.line(line), palette.entry(near), palette.entry(far));
+    Some(palette.entry(Entry::Split { line, near, beyond }))
+}
+
+/// Which texels' centres lie beyond the line, whatever page tells; nothing where one is too close.
+fn beyond(line: &Line, origin: [u32; 2], _: Scale) -> Option<u32> {
+    (0..16u32).try_fold(0u32, |m, n| {
+        let centre = [origin[0] + n % 4, origin[1] + n / 4].map(|v| i64::from(v) * 256 + 128);
+        line.tells(centre).map(|b| m | u32::from(b) << n)
+    })
+}
+
+/// Whether an entry of any kind is right for all 16 texels.
+pub fn answers(palette: &Palette, id: EntryId, intervals: &[Interval; 16], origin: [u32; 2], scale: Scale) -> bool {
+    (0..16u32).all(|n| {
+        let texel = [origin[0] + n % 4, origin[1] + n / 4];
+        let mut id = id;
+        while let Entry::Split { line, near, beyond } = palette.get(id) {
+            match palette.lines[line as usize].tells(texel.map(|v| i64::from(v) * 256 + 128)) {
+                Some(b) => id = if b { beyond } else { near },
+                None => return false,
+            }
+        }
+        if let Entry::Mask { entries, selectors } = palette.get(id) {
+            id = entries[(selectors >> (2 * (texel[1] % 4 * 4 + texel[0] % 4)) & 3) as usize % 3];
+        }
+        allows(palette.get(id), intervals[n as usize], origin, n, scale)
+    })
 }
 
 /// Whether what any page stores for the entry is right at texel number `n` of the block.
