@@ -543,9 +543,11 @@ impl Polygon {
         (from <= to).then_some((from, to))
     }
 
-    /// Whether `t` is behind `e`, and nowhere at the same depth, where it lies over the region.
-    pub(crate) fn strictly_behind(&mut self, t: &Local, e: &Local, region: &Region<'_>) -> bool {
+    /// Whether `t` is behind `e`, and nowhere at the same depth, where it lies over the part of the region with
+    /// `part . (x, y, 1) >= 0`.
+    pub(crate) fn strictly_behind(&mut self, t: &Local, e: &Local, region: &Region<'_>, part: [f64; 3]) -> bool {
         self.region(region);
+        self.keep_linear(part[0], part[1], part[2]);
         self.clip(t);
         let (sx, sy) = (t.sx - e.sx, t.sy - e.sy);
         let slack = 2.0 * (t.eps + e.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());

@@ -482,15 +482,36 @@ impl<'a> Search<'a> {
         if between < -slack - bend {
             return None;
         }
+        // where front and end are so close that the end itself counts, nothing else may begin before it; elsewhere it is
+        // enough that the front is first and its solid is not left before the end
+        let far = self.far(tip, bend);
+        let near = [f.sx - e.sx, f.sy - e.sy, far - (e.z0 - f.z0)];
+        let all = [0.0, 0.0, 1.0];
         let sound = list.iter().all(|i| {
             let t = &self.rays.locals[*i as usize];
-            [tip.front, tip.end, front, end].contains(i)
+            if [tip.front, tip.end, front, end].contains(i)
                 || t.event == Event::Wall
                 || t.zmin > e.zmax.max(other_end.zmax)
-                || (self.polygon.strictly_behind(t, e, &region)
-                    && (end == tip.end || self.polygon.strictly_behind(t, other_end, &region)))
+            {
+                return true;
+            }
+            let mut behind = |f: &Local, part: [f64; 3]| self.polygon.strictly_behind(t, f, &region, part);
+            let ends = behind(e, all) && (end == tip.end || behind(other_end, all));
+            let union = self.rays.second_surface || t.solid == f.solid;
+            ends || (!union
+                && behind(e, near)
+                && (end == tip.end || behind(other_end, near))
+                && behind(f, all)
+                && (front == tip.front || behind(&self.rays.locals[front as usize], all)))
         });
         sound.then_some(bend)
+    }
+
+    /// The distance of front and end from which on everything is linear and far from rounding.
+    fn far(&self, tip: Tip, bend: f64) -> f64 {
+        let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
+        let reach = (f.sx.abs() + f.sy.abs() + e.sx.abs() + e.sy.abs()) * self.scale.half();
+        reach + 4.0 * f64::from(self.guard) + 10.0 + 4.0 * bend
     }
 
     /// Whether the tip's plane is right for every texel inside the region, and for the centres of those that are not
@@ -507,8 +528,7 @@ impl<'a> Search<'a> {
         if bend > 0.05 * (h + k) {
             return false;
         }
-        // beyond this distance everything is linear and far from rounding
-        let far = h + k + 4.0 * guard + 10.0 + 4.0 * bend;
+        let far = self.far(tip, bend);
         let (dz, dx, dy) = (e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy);
         let polygon = &mut self.polygon;
         polygon.region(&region);
