@@ -165,7 +165,7 @@ impl<'a> Search<'a> {
             return None;
         }
         let tries = 1;
-        for cut in self.candidates(list, region, tries) {
+        for cut in self.candidates(list, region, tries, path) {
             let (cuts, cells) = (self.cuts.len(), self.cells.len());
             let number = match self.cuts.iter().position(|c| c.line == cut.line) {
                 Some(n) => n,
@@ -212,7 +212,7 @@ impl<'a> Search<'a> {
     }
 
     /// Silhouette edges through the region, the one nearest to the light first.
-    fn candidates(&mut self, list: &[u32], region: Region<'_>, most: usize) -> Vec<Cut> {
+    fn candidates(&mut self, list: &[u32], region: Region<'_>, most: usize, path: &[(usize, bool)]) -> Vec<Cut> {
         let mut found: Vec<(f64, Cut)> = Vec::new();
         for &i in list {
             let l = &self.rays.locals[i as usize];
@@ -236,7 +236,7 @@ impl<'a> Search<'a> {
                 // the same whichever triangle it comes from
                 let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
                 let Some(line) = Line::through(a, b, self.scale) else { continue };
-                if found.iter().any(|f| f.1.line == line) {
+                if found.iter().any(|f| f.1.line == line) || path.iter().any(|c| self.cuts[c.0].line == line) {
                     continue;
                 }
                 let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
@@ -511,7 +511,8 @@ impl<'a> Search<'a> {
     fn far(&self, tip: Tip, bend: f64) -> f64 {
         let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
         let reach = (f.sx.abs() + f.sy.abs() + e.sx.abs() + e.sy.abs()) * self.scale.half();
-        reach + 4.0 * f64::from(self.guard) + 10.0 + 4.0 * bend
+        // half a reach more than needed, so that the rounding of a gradient over a long face does no harm
+        1.5 * reach + 4.0 * f64::from(self.guard) + 10.0 + 4.0 * bend
     }
 
     /// Whether the tip's plane is right for every texel inside the region, and for the centres of those that are not
@@ -715,7 +716,7 @@ impl<'a> Search<'a> {
 
     /// Silhouette edges through the square.
     pub fn lines(&mut self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
-        self.candidates(list, Region::square(p, size), most).into_iter().map(|c| c.line).collect()
+        self.candidates(list, Region::square(p, size), most, &[]).into_iter().map(|c| c.line).collect()
     }
 
     /// Whether the front at the point is level, so that constants do as well as planes.
