@@ -8,7 +8,7 @@ use umbrage_format::kind::mh::{Mask, NodeType};
 
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale};
 use super::page::{Forest, Group, Node, SHARES};
-use super::search::{Edges, Search};
+use super::search::{Edges, SMALL_LOG2, Search};
 use super::texels::{self, Block};
 use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree};
 use crate::hierarchy::mh::NONE;
@@ -317,14 +317,15 @@ impl Tile<'_> {
             }
             self.stack.truncate(end);
         }
-        let lines = self.search.lines(&self.stack[start..end], p, 4 * size, 6);
+        let all: Vec<u32> = self.stack[start..end].to_vec();
+        let lines = if self.search.lines { self.search.silhouettes(&all, p, 4 * size, 6) } else { Vec::new() };
         let exact = self.exact.len() as u32;
         self.exact.push(intervals);
         let palette = &mut self.forest.palette;
         let mut ready = Vec::new();
         above.iter().for_each(|id| palette.simple(*id, &mut ready));
         ready.truncate(8);
-        match texels::block(palette, &intervals, at.origin, &ready, &planes, &lines, self.cx.scale) {
+        match texels::block(palette, &intervals, at.origin, &ready, &planes, self.search.lines.then_some(&lines), self.cx.scale) {
             Block::One(id) => Node { exact, ..Node::leaf(id) },
             Block::Many(ids) => {
                 let mut quarters = [Node::leaf(OPEN); 4];
@@ -342,6 +343,10 @@ impl Tile<'_> {
 /// Merges four children: their parent takes over the entry that answers the most of them (Scandolo et al. 2016, section
 /// 3.1, with entries in place of intervals).
 fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interval; 16]], scale: Scale) -> Node {
+    let depth = scale.log2_resolution - at.level;
+    if depth < COARSE_DEPTH && at.level > 1 && scale.log2_resolution > SMALL_LOG2 {
+        children.iter_mut().for_each(|c| lower(c, forest));
+    }
     let palette = &forest.palette;
     let agrees = |entry: EntryId, c: usize| {
         let (node, at) = (&children[c], at.child(c));
@@ -367,11 +372,10 @@ fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interv
     }
     let (_, mut entry, mut which) = best;
     let share = shares(children);
-    if at.level >= AREA_LEVEL {
+    if at.level >= AREA_LEVEL || (depth <= COARSE_DEPTH && !palette.is_simple(entry)) {
         // the most area, not the most children: few nodes, which coarse lookups see
-        let simple = |e: EntryId| !matches!(palette.get(e), Entry::Mask { .. } | Entry::Split { .. });
-        let first = share.iter().find(|s| simple(s.0)).map_or(share[0].0, |s| s.0);
-        entry = first;
+        let first = share.iter().map(|s| s.0).find(|e| palette.is_simple(*e));
+        entry = first.unwrap_or_else(|| palette.simplified(share[0].0));
         which = (0..4).filter(|c| agrees(entry, *c)).fold(0u8, |w, c| w | 1 << c);
     }
     let mut group = Group { mask: Mask(0), entry: [OPEN; 4], below: [NONE; 4] };
@@ -396,6 +400,18 @@ fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interv
     let below = forest.groups.len() as u32;
     forest.groups.push(group);
     Node { entry, below, cost: cost + super::page::GROUP_COST, share, exact: u32::MAX }
+}
+
+/// Puts a leaf's split or mask one level down: the root page, which holds all nodes near the root, may hold more entries
+/// than splits and masks can refer to.
+fn lower(node: &mut Node, forest: &mut Forest) {
+    if node.below != NONE || forest.palette.is_simple(node.entry) {
+        return;
+    }
+    let below = forest.groups.len() as u32;
+    let cost = super::page::GROUP_COST + 4 * forest.price(node.entry);
+    forest.groups.push(Group { mask: Mask::new([NodeType::Leaf; 4]), entry: [node.entry; 4], below: [NONE; 4] });
+    *node = Node { entry: forest.palette.simplified(node.entry), below, cost, ..*node };
 }
 
 /// Entries by their share of the four children's area, the largest first.

@@ -255,6 +255,19 @@ impl Palette {
         }
     }
 
+    /// Whether it is a constant or a plane.
+    pub fn is_simple(&self, id: EntryId) -> bool {
+        matches!(self.get(id), Entry::Constant(_) | Entry::Plane(_))
+    }
+
+    /// Itself, or a constant or plane that it answers with somewhere.
+    pub fn simplified(&self, mut id: EntryId) -> EntryId {
+        while let Some(part) = self.parts(id)[0] {
+            id = part;
+        }
+        id
+    }
+
     /// Constants and planes that an entry answers with, the nearest first.
     pub fn simple(&self, id: EntryId, out: &mut Vec<EntryId>) {
         match self.get(id) {

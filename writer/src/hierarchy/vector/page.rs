@@ -75,7 +75,8 @@ impl Forest {
 
     fn palette_price(&self, id: EntryId) -> u32 {
         let own = match self.palette.get(id) {
-            Entry::Constant(_) => 16,
+            // twice what it takes, so that a page whose price fits has no more entries than parts can refer to
+            Entry::Constant(_) => 32,
             Entry::Plane(_) => 48,
             Entry::Split { .. } => 16 + 48,
             Entry::Mask { .. } => 32,
@@ -161,7 +162,7 @@ impl Forest {
             }
             // a share of what is too much at a time, the largest first
             found.sort_by_key(|c: &(u32, u32, usize, At)| std::cmp::Reverse(c.0));
-            let mut much = (sheet.cost() - ROOT_WORDS * 16).min(1 << 24);
+            let mut much = if sheet.fits() { sheet.cost() - ROOT_WORDS * 16 } else { sheet.cost() / 8 };
             if found.is_empty() {
                 return spool.push(&sheet.draft(spool));
             }
@@ -343,10 +344,14 @@ impl<'a> Sheet<'a> {
             + 3 * planes
             + splits
             + 2 * masks;
+        if self.fits() { words * 16 } else { (words * 16).max(ROOT_WORDS * 16 + 16) }
+    }
+
+    /// Whether every number has room in its field.
+    fn fits(&self) -> bool {
         let parts = |id: &EntryId| self.palette.parts(*id).into_iter().flatten().map(|p| self.number[&p]).max();
         let highest = self.used[2].iter().chain(&self.used[3]).filter_map(parts).max().unwrap_or(0);
-        let fits = highest < MOST_PARTS && (self.lines.len() as u32) <= MOST_PARTS && self.masks.len() < 32767;
-        if fits { words * 16 } else { (words * 16).max(ROOT_WORDS * 16 + 16) }
+        highest < MOST_PARTS && (self.lines.len() as u32) <= MOST_PARTS && self.masks.len() < 32767
     }
 
     fn draft(&self, spool: &Spool) -> Draft {

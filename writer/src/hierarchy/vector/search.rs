@@ -22,7 +22,7 @@ use umbrage_format::projection::UNCOVERED;
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, between, gradient};
 use crate::interval::proof::{HalfPlane, Polygon, Prover, Region};
 use crate::interval::ray::{RayScratch, Rays, Stretch};
-use crate::interval::triangle::{Cover, Local};
+use crate::interval::triangle::Local;
 use crate::interval::{Event, Interval, wide};
 
 /// Most cuts of a square.
@@ -31,6 +31,8 @@ const MOST_CUTS: usize = 3;
 const PROOF_LIST: usize = 48;
 /// Most surfaces of a square that is cut.
 const CUT_LIST: usize = 32;
+/// Maps up to here are so small that the root page holds most of them, where splits and masks can't refer to everything.
+pub const SMALL_LOG2: u8 = 8;
 /// Texels that are looked at one by one, for each texel of the square's side.
 const MOST_TIPS: f64 = 12.0;
 
@@ -68,6 +70,8 @@ struct Tip {
     front: u32,
     end: u32,
     plane: Plane,
+    /// Up to this distance of front and end the stretch is known to begin and end there.
+    far: f64,
 }
 
 /// Proves squares; owns the buffers.
@@ -82,6 +86,8 @@ pub struct Search<'a> {
     pub edges: &'a [Edges],
     /// Texels that were found to be edge texels, by the lines through them.
     pub edge_texels: u64,
+    /// Whether squares are cut.
+    pub lines: bool,
     prover: Prover,
     polygon: Polygon,
     cuts: Vec<Cut>,
@@ -101,6 +107,7 @@ impl<'a> Search<'a> {
             guard,
             edges,
             edge_texels: 0,
+            lines: scale.log2_resolution > SMALL_LOG2,
             prover: Prover::default(),
             polygon: Polygon::default(),
             cuts: Vec::new(),
@@ -161,7 +168,7 @@ impl<'a> Search<'a> {
             self.cells.push(Cell { path: path.clone(), list: list.to_vec(), entry, value, tip });
             return Some(entry);
         }
-        if path.len() >= MOST_CUTS || list.len() > CUT_LIST || self.cells.len() >= 4 {
+        if !self.lines || path.len() >= MOST_CUTS || list.len() > CUT_LIST || self.cells.len() >= 4 {
             return None;
         }
         let tries = 1;
@@ -305,10 +312,11 @@ impl<'a> Search<'a> {
                         return Some((palette.entry(Entry::Plane(own)), None));
                     }
                 }
-                let tip = Tip { front, end, plane };
+                let mut tip = Tip { front, end, plane, far: 0.0 };
                 if let Some(bend) = self.is_tip(list, region, tip)
                     && self.tip_fits(region, tip, bend)
                 {
+                    tip.far = self.far(tip, bend);
                     return Some((palette.entry(Entry::Plane(plane)), Some(tip)));
                 }
             }
@@ -625,6 +633,12 @@ impl<'a> Search<'a> {
         let ends_before = |tip: &Cell, other: &Cell| {
             let Some(t) = tip.tip else { return false };
             let e = &self.rays.locals[t.end as usize];
+            let f = &self.rays.locals[t.front as usize];
+            let apart = |q: &[f64; 2]| (e.z0 - f.z0) + (e.sx - f.sx) * q[0] + (e.sy - f.sy) * q[1];
+            // further away the stretch may go on behind the end
+            if border.iter().any(|q| apart(q) > t.far) {
+                return false;
+            }
             let mate = self.edges[e.index as usize].mate.map(|m| m.1);
             let ends = tip.list.iter().map(|n| &self.rays.locals[*n as usize]).filter(|l| Some(l.index) == mate);
             let ends: Vec<&Local> = ends.chain([e]).collect();
@@ -723,7 +737,7 @@ impl<'a> Search<'a> {
     }
 
     /// Silhouette edges through the square.
-    pub fn lines(&mut self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
+    pub fn silhouettes(&mut self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
         self.candidates(list, Region::square(p, size), most, &[]).into_iter().map(|c| c.line).collect()
     }
 

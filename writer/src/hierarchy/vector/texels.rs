@@ -18,14 +18,14 @@ pub enum Block {
 }
 
 /// Chooses entries for 16 texels; texel (0, 0) of the block is texel `origin` of the map. `ready` are entries to be tried
-/// first, `planes` such as are made where they help.
+/// first, `planes` such as are made where they help, and so are `lines`; without them there is no mask either.
 pub fn block(
     palette: &mut Palette,
     intervals: &[Interval; 16],
     origin: [u32; 2],
     ready: &[EntryId],
     planes: &[Plane],
-    lines: &[Line],
+    lines: Option<&Vec<Line>>,
     scale: Scale,
 ) -> Block {
     let mut left = 0xFFFFu32;
@@ -46,7 +46,7 @@ pub fn block(
             options.push((entry, right(entry), false));
         }
     }
-    if let Some(id) = split(palette, &options, ready, intervals, origin, lines, scale) {
+    if let Some(id) = split(palette, &options, ready, intervals, origin, lines.map_or(&[], Vec::as_slice), scale) {
         return Block::One(id);
     }
     while left != 0 {
@@ -74,7 +74,7 @@ pub fn block(
     if ids.len() == 1 {
         return Block::One(ids[0]);
     }
-    if ids.len() <= MOST {
+    if ids.len() <= MOST && lines.is_some() {
         let at = |i: usize| ids.get(i).copied().unwrap_or(ids[0]);
         let mut selectors = 0u32;
         for n in 0..16 {
