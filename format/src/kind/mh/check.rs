@@ -1,0 +1,356 @@
+//! The check of a page's words.
+//!
+//! Two methods, one answer. [`sweep`] passes over the words once, from front to back, which works because children lie
+//! behind their node; it says what is in a good page and nothing about a bad one. [`walk`] goes from node to node as
+//! the spec's list of checks has it and names the first rule that is broken; it sees only pages that the sweep turned
+//! away. What was tried and what it cost: NOTES.md beside `src`.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation
+)]
+
+use super::{Children, Mask, Node, NodeType, PageCounts, ROOT_GROUP, WAITING};
+use crate::error::{FormatError, Rule, Value};
+use crate::page::{FRAME_WORDS, FrameHead, PageContext};
+
+/// Most words of a page.
+const MOST: usize = crate::index::MAX_PAGE_WORDS as usize;
+
+/// Checks the words of a page whose frame has been checked: every word reached exactly once, children behind their
+/// node, every child page referred to exactly once, no children below level 0, no node without children, levels and
+/// values within the page's record. Time and memory are linear in the words.
+///
+/// # Errors
+/// `mh.*`; the offset is that of the node's word.
+pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<PageCounts, FormatError> {
+    let mask = Mask(head.root_mask);
+    let number = |v: u32| Value::Number(v.into());
+    if cx.page.is_flat() || cx.page.is_shared() || cx.page.dep_count.get() != 0 {
+        let found = Value::Text("a flat or shared page, or dependencies");
+        return Err(cx.fault(Rule::MhPlain, 0, Value::Text("a page of the tree"), found));
+    }
+    if cx.is_root() {
+        let full = mask.0 == NodeType::Leaf as u8 || mask.0 == NodeType::Inner as u8;
+        if !full || head.root_level != cx.record.log2_resolution {
+            let expected = Value::Text("one leaf or inner node of the whole map");
+            return Err(cx.fault(Rule::MhRoot, 0, expected, Value::Hex(mask.0.into())));
+        }
+    } else if mask.0 == 0 || head.root_level >= cx.record.log2_resolution {
+        let expected = Value::Text("a group of nodes below the root");
+        return Err(cx.fault(Rule::MhRoot, 0, expected, Value::Hex(mask.0.into())));
+    }
+    // A root group spans twice its nodes' side; the root node is the whole map.
+    let side = if cx.is_root() { head.root_level } else { head.root_level.saturating_add(1) };
+    if (cx.page.log2_x, cx.page.log2_y, cx.page.log2_l, cx.page.origin_l.get()) != (side, side, 0, 0) {
+        return Err(cx.fault(Rule::MhFootprint, 1, number(side.into()), number(cx.page.log2_x.into())));
+    }
+    // Clearing the largest tables takes longer than checking a small page.
+    let swept = match page.len().max(head.child_refs.into()) {
+        0..=256 => sweep::<256, 8>(page, head),
+        257..=4096 => sweep::<4096, 128>(page, head),
+        4097..=MOST => sweep::<MOST, { MOST / 32 }>(page, head),
+        _ => None,
+    };
+    let counts = match swept {
+        Some(counts) => counts,
+        None => walk(page, head, cx)?,
+    };
+    if counts.level_finest != cx.page.level_finest {
+        let (expected, found) = (number(cx.page.level_finest.into()), number(counts.level_finest.into()));
+        return Err(cx.fault(Rule::MhLevels, 0, expected, found));
+    }
+    let (min, max) = (cx.page.min_depth.get(), cx.page.max_depth.get());
+    let valued = counts.leaves + counts.inner != 0;
+    if valued && (counts.min < min || counts.max > max) {
+        let out = if counts.min < min { counts.min } else { counts.max };
+        return Err(cx.fault(Rule::MhValues, 0, Value::Between(min.into(), max.into()), number(out)));
+    }
+    Ok(counts)
+}
+
+/// What the types of a group say of its words.
+#[derive(Clone, Copy)]
+struct Shape {
+    /// Words of the group.
+    words: u8,
+    /// Nodes with children.
+    parents: u8,
+    /// Word of each of them in the group, by rising child.
+    parent_at: [u8; 4],
+    /// Leaves.
+    leaves: u8,
+    /// Their words.
+    leaf_at: [u8; 4],
+    /// 1 where the parent of the same place is inner, 0 where it is empty.
+    inner: [u8; 4],
+    /// How many parents are inner.
+    inners: u8,
+}
+
+/// The shape of every mask.
+static SHAPES: [Shape; 256] = shapes();
+
+const fn shapes() -> [Shape; 256] {
+    let none = Shape { words: 0, parents: 0, parent_at: [0; 4], leaves: 0, leaf_at: [0; 4], inner: [0; 4], inners: 0 };
+    let mut shapes = [none; 256];
+    let mut bits = 0u8;
+    loop {
+        let mut s = none;
+        let mut c = 0;
+        while c < 4 {
+            let kind = Mask(bits).child(c);
+            match kind {
+                NodeType::None => {}
+                NodeType::Leaf => {
+                    put(&mut s.leaf_at, s.leaves, s.words);
+                    s.leaves += 1;
+                    s.words += 1;
+                }
+                NodeType::Inner | NodeType::Empty => {
+                    let inner = matches!(kind, NodeType::Inner) as u8;
+                    put(&mut s.parent_at, s.parents, s.words);
+                    put(&mut s.inner, s.parents, inner);
+                    s.parents += 1;
+                    s.inners += inner;
+                    s.words += 1 + inner;
+                }
+            }
+            c += 1;
+        }
+        if let Some((_, [slot, ..])) = shapes.split_at_mut_checked(bits as usize) {
+            *slot = s;
+        }
+        if bits == u8::MAX {
+            return shapes;
+        }
+        bits += 1;
+    }
+}
+
+/// `list[at] = value`.
+const fn put(list: &mut [u8; 4], at: u8, value: u8) {
+    if let Some((_, [slot, ..])) = list.split_at_mut_checked(at as usize) {
+        *slot = value;
+    }
+}
+
+#[inline(always)]
+fn shape(mask: u8) -> &'static Shape {
+    // 256 of them: there is one for every mask.
+    SHAPES.get(usize::from(mask)).unwrap_or(&SHAPES[0])
+}
+
+/// A group that a node has announced: bits 0..8 its mask, 8..13 its level, 13..16 its words less 1. Not 0, because the
+/// mask is not.
+#[inline(always)]
+fn entry(mask: u8, level: u8) -> u16 {
+    u16::from(mask) | u16::from(level & 31) << 8 | u16::from(shape(mask).words.wrapping_sub(1) & 7) << 13
+}
+
+/// Counts the nodes of a page of at most `WORDS` words and child pages, `REFS` = `WORDS / 32`; none where a rule is
+/// broken, by the words or by the frame.
+///
+/// Every group is announced by its node before the sweep comes to it, because children lie behind their node. The sweep
+/// steps from group to group: each begins where the one before ends, and where none was announced the page is bad. It
+/// is also bad where a group was announced and never come to: then the sum of the announced words is too large. What
+/// remains covers every word once.
+fn sweep<const WORDS: usize, const REFS: usize>(page: &[u32], head: &FrameHead) -> Option<PageCounts> {
+    let mut groups = [0u16; WORDS];
+    let mut refs = [0u32; REFS];
+    let mut refs_reached = 0u16;
+    let (mut leaves, mut inner, mut empty) = (0u32, 0u32, 0u32);
+    let (mut min, mut max) = (u32::MAX, 0u32);
+    let mut finest = head.root_level;
+    if head.root_mask == 0 || head.root_level > 31 {
+        return None;
+    }
+    *groups.get_mut(usize::from(ROOT_GROUP))? = entry(head.root_mask, head.root_level);
+    let mut announced = u32::from(shape(head.root_mask).words);
+    let mut at = usize::from(ROOT_GROUP);
+    while at < page.len() {
+        let group = *groups.get(at)?;
+        let [mask, rest] = group.to_le_bytes();
+        let words = usize::from(group >> 13) + 1;
+        if group == 0 {
+            return None;
+        }
+        if Mask(mask).is_leaves() {
+            leaves += u32::from(group >> 13) + 1;
+            if let Some(&[a, b, c, d]) = page.get(at..).and_then(|p| p.first_chunk::<4>()) {
+                // A group of fewer leaves counts its first one again.
+                let (b, c, d) =
+                    (if words > 1 { b } else { a }, if words > 2 { c } else { a }, if words > 3 { d } else { a });
+                min = min.min(a).min(b).min(c.min(d));
+                max = max.max(a).max(b).max(c.max(d));
+            } else {
+                for &value in page.get(at..at + words)? {
+                    min = min.min(value);
+                    max = max.max(value);
+                }
+            }
+            at += words;
+            continue;
+        }
+        let s = shape(mask);
+        let below = (rest & 31).checked_sub(1)?;
+        let whole = page.get(at..at + words)?;
+        for &i in s.leaf_at.iter().take(s.leaves.into()) {
+            let value = *whole.get(usize::from(i))?;
+            min = min.min(value);
+            max = max.max(value);
+        }
+        leaves += u32::from(s.leaves);
+        inner += u32::from(s.inners);
+        empty += u32::from(s.parents - s.inners);
+        for (&i, &has_value) in s.parent_at.iter().zip(&s.inner).take(s.parents.into()) {
+            let word = *whole.get(usize::from(i))?;
+            // Of an empty node its own word, which then does not count.
+            let value = *whole.get(usize::from(i + has_value))?;
+            min = min.min(if has_value == 1 { value } else { u32::MAX });
+            max = max.max(if has_value == 1 { value } else { 0 });
+            let [mask, place, low, high] = word.to_le_bytes();
+            let first = u16::from_le_bytes([low, high]);
+            if mask == 0 {
+                return None;
+            }
+            if place == 0 {
+                let slot = groups.get_mut(usize::from(first))?;
+                if *slot != 0 || usize::from(first) <= at + usize::from(i) {
+                    return None;
+                }
+                *slot = entry(mask, below);
+                announced += u32::from(shape(mask).words);
+                finest = finest.min(below);
+            } else if place == 1 && first < head.child_refs && mark(&mut refs, first.into()) {
+                refs_reached += 1;
+            } else {
+                return None;
+            }
+        }
+        at += words;
+    }
+    let covered = at == page.len() && announced as usize + FRAME_WORDS == page.len();
+    let counts = PageCounts { leaves, inner, empty, min, max, level_finest: finest };
+    (covered && refs_reached == head.child_refs).then_some(counts)
+}
+
+/// Marks one bit; `false` where it was marked before or lies outside.
+fn mark(map: &mut [u32], bit: u32) -> bool {
+    let Some(word) = map.get_mut((bit / 32) as usize) else { return false };
+    let fresh = *word >> (bit % 32) & 1 == 0;
+    *word |= 1 << (bit % 32);
+    fresh
+}
+
+/// [`sweep`] for pages that break a rule, and which.
+fn walk(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<PageCounts, FormatError> {
+    let mask = Mask(head.root_mask);
+    let number = |v: u32| Value::Number(v.into());
+    let mut counts = PageCounts { min: u32::MAX, level_finest: head.root_level, ..PageCounts::default() };
+    let (mut words, mut refs) = ([0u32; MOST / 32], [0u32; MOST / 32]);
+    let (mut words_reached, mut refs_reached) = (0u32, 0u16);
+    let mut waiting = [(ROOT_GROUP, mask, head.root_level); WAITING];
+    let mut count = 1usize;
+    while let Some(&(start, mask, level)) = count.checked_sub(1).and_then(|top| waiting.get(top)) {
+        count -= 1;
+        counts.level_finest = counts.level_finest.min(level);
+        for c in 0..4 {
+            let kind = mask.child(c);
+            if kind == NodeType::None {
+                continue;
+            }
+            let at = u32::from(start) + mask.words_before(c);
+            for word in at..at + kind.words() {
+                if word as usize >= page.len() {
+                    return Err(cx.fault(
+                        Rule::MhBounds,
+                        at as usize,
+                        Value::AtMost(page.len() as u64 - 1),
+                        number(word),
+                    ));
+                }
+                if !mark(&mut words, word) {
+                    return Err(cx.fault(
+                        Rule::MhOverlap,
+                        word as usize,
+                        Value::Text("a word of one node"),
+                        Value::Text("of two"),
+                    ));
+                }
+                words_reached += 1;
+            }
+            let at = at as usize;
+            let word = |i: usize| page.get(i).copied().unwrap_or(0);
+            if kind.has_value() {
+                let value = word(if kind == NodeType::Inner { at + 1 } else { at });
+                counts.min = counts.min.min(value);
+                counts.max = counts.max.max(value);
+            }
+            match kind {
+                NodeType::None => {}
+                NodeType::Leaf => counts.leaves += 1,
+                NodeType::Inner => counts.inner += 1,
+                NodeType::Empty => counts.empty += 1,
+            }
+            if !kind.has_children() {
+                continue;
+            }
+            let node = Node::decode(word(at));
+            let place = word(at) >> 8 & 0xFF;
+            if place > 1 {
+                return Err(cx.fault(Rule::MhPlace, at, Value::AtMost(1), number(place)));
+            }
+            if node.mask.0 == 0 {
+                return Err(cx.fault(Rule::MhChildless, at, Value::Text("at least one child"), Value::Number(0)));
+            }
+            let Some(below) = level.checked_sub(1) else {
+                return Err(cx.fault(Rule::MhDepth, at, Value::Text("a leaf at level 0"), Value::Text("children")));
+            };
+            match node.children {
+                Children::Page(child) => {
+                    if child >= head.child_refs {
+                        let most = Value::Text("an index below the page's child_refs");
+                        return Err(cx.fault(Rule::MhReference, at, most, number(child.into())));
+                    }
+                    if !mark(&mut refs, child.into()) {
+                        return Err(cx.fault(
+                            Rule::MhReference,
+                            at,
+                            Value::Text("one reference to a child"),
+                            number(child.into()),
+                        ));
+                    }
+                    refs_reached += 1;
+                }
+                Children::Here(first) => {
+                    if usize::from(first) <= at {
+                        return Err(cx.fault(Rule::MhOrder, at, Value::AtLeast(at as u64 + 1), number(first.into())));
+                    }
+                    // Cannot run out: levels fall by one, so at most 4 groups wait for each level.
+                    let Some(slot) = waiting.get_mut(count) else {
+                        return Err(cx.fault(
+                            Rule::MhDepth,
+                            at,
+                            Value::AtMost(WAITING as u64),
+                            Value::Number(count as u64),
+                        ));
+                    };
+                    *slot = (first, node.mask, below);
+                    count += 1;
+                }
+            }
+        }
+    }
+    let unreached = (page.len() as u64).saturating_sub(u64::from(words_reached) + FRAME_WORDS as u64);
+    if unreached != 0 {
+        return Err(cx.fault(Rule::MhHole, 0, Value::Text("every word in a node"), Value::Number(unreached)));
+    }
+    if refs_reached != head.child_refs {
+        return Err(cx.fault(Rule::MhReference, 0, number(head.child_refs.into()), number(refs_reached.into())));
+    }
+    Ok(counts)
+}
