@@ -151,6 +151,60 @@ fn entry(mask: u8, level: u8) -> u16 {
     u16::from(mask) | u16::from(level & 31) << 8 | u16::from(shape(mask).words.wrapping_sub(1) & 7) << 13
 }
 
+/// Extremes of values.
+struct Range {
+    min: u32,
+    max: u32,
+    /// Extremes of values of leaves by their place modulo 4, with the top bit flipped: what SSE2 can compare.
+    mins: [i32; 4],
+    maxs: [i32; 4],
+}
+
+impl Range {
+    const NONE: Self = Self { min: u32::MAX, max: 0, mins: [i32::MAX; 4], maxs: [i32::MIN; 4] };
+
+    #[inline(always)]
+    fn add(&mut self, value: u32) {
+        self.min = self.min.min(value);
+        self.max = self.max.max(value);
+    }
+
+    /// Adds the value where `counts` is 1, and not where it is 0. Types of nodes are hard to foretell: no branch.
+    #[inline(always)]
+    fn add_if(&mut self, value: u32, counts: u8) {
+        let mask = u32::from(counts).wrapping_neg();
+        self.min = self.min.min(value | !mask);
+        self.max = self.max.max(value & mask);
+    }
+
+    #[inline(always)]
+    fn add_4(&mut self, values: &[u32; 4]) {
+        for ((min, max), v) in self.mins.iter_mut().zip(&mut self.maxs).zip(values) {
+            let v = (v ^ 1 << 31).cast_signed();
+            *min = if v < *min { v } else { *min };
+            *max = if v > *max { v } else { *max };
+        }
+    }
+
+    /// Adds leaves that lie one behind the other.
+    #[inline(always)]
+    fn leaves(&mut self, values: &[u32]) {
+        let Some(last) = values.last_chunk::<4>() else {
+            values.iter().for_each(|&v| self.add(v));
+            return;
+        };
+        values.as_chunks::<4>().0.iter().for_each(|four| self.add_4(four));
+        // What is behind the last whole four, and some again.
+        self.add_4(last);
+    }
+
+    fn extremes(&self) -> (u32, u32) {
+        let back = |v: i32| v.cast_unsigned() ^ 1 << 31;
+        let min = self.mins.iter().fold(self.min, |m, &v| m.min(back(v)));
+        (min, self.maxs.iter().fold(self.max, |m, &v| m.max(back(v))))
+    }
+}
+
 /// Counts the nodes of a page of at most `WORDS` words and child pages, `REFS` = `WORDS / 32`; none where a rule is
 /// broken, by the words or by the frame.
 ///
@@ -163,13 +217,13 @@ fn sweep<const WORDS: usize, const REFS: usize>(page: &[u32], head: &FrameHead) 
     let mut refs = [0u32; REFS];
     let mut refs_reached = 0u16;
     let (mut leaves, mut inner, mut empty) = (0u32, 0u32, 0u32);
-    let (mut min, mut max) = (u32::MAX, 0u32);
+    let mut range = Range::NONE;
     let mut finest = head.root_level;
     if head.root_mask == 0 || head.root_level > 31 {
         return None;
     }
     *groups.get_mut(usize::from(ROOT_GROUP))? = entry(head.root_mask, head.root_level);
-    let mut announced = u32::from(shape(head.root_mask).words);
+    let (mut announced, mut straight) = (usize::from(shape(head.root_mask).words), 0);
     let mut at = usize::from(ROOT_GROUP);
     while at < page.len() {
         let group = *groups.get(at)?;
@@ -180,18 +234,7 @@ fn sweep<const WORDS: usize, const REFS: usize>(page: &[u32], head: &FrameHead) 
         }
         if Mask(mask).is_leaves() {
             leaves += u32::from(group >> 13) + 1;
-            if let Some(&[a, b, c, d]) = page.get(at..).and_then(|p| p.first_chunk::<4>()) {
-                // A group of fewer leaves counts its first one again.
-                let (b, c, d) =
-                    (if words > 1 { b } else { a }, if words > 2 { c } else { a }, if words > 3 { d } else { a });
-                min = min.min(a).min(b).min(c.min(d));
-                max = max.max(a).max(b).max(c.max(d));
-            } else {
-                for &value in page.get(at..at + words)? {
-                    min = min.min(value);
-                    max = max.max(value);
-                }
-            }
+            range.leaves(page.get(at..at + words)?);
             at += words;
             continue;
         }
@@ -199,31 +242,33 @@ fn sweep<const WORDS: usize, const REFS: usize>(page: &[u32], head: &FrameHead) 
         let below = (rest & 31).checked_sub(1)?;
         let whole = page.get(at..at + words)?;
         for &i in s.leaf_at.iter().take(s.leaves.into()) {
-            let value = *whole.get(usize::from(i))?;
-            min = min.min(value);
-            max = max.max(value);
+            range.add(*whole.get(usize::from(i))?);
         }
         leaves += u32::from(s.leaves);
         inner += u32::from(s.inners);
         empty += u32::from(s.parents - s.inners);
+        // Leaves straight behind need no announcement.
+        let behind = at + words;
+        let mut end = behind;
         for (&i, &has_value) in s.parent_at.iter().zip(&s.inner).take(s.parents.into()) {
             let word = *whole.get(usize::from(i))?;
             // Of an empty node its own word, which then does not count.
-            let value = *whole.get(usize::from(i + has_value))?;
-            min = min.min(if has_value == 1 { value } else { u32::MAX });
-            max = max.max(if has_value == 1 { value } else { 0 });
+            range.add_if(*whole.get(usize::from(i + has_value))?, has_value);
             let [mask, place, low, high] = word.to_le_bytes();
             let first = u16::from_le_bytes([low, high]);
+            let words = shape(mask).words;
             if mask == 0 {
                 return None;
             }
-            if place == 0 {
+            if place == 0 && usize::from(first) == end && Mask(mask).is_leaves() {
+                end += usize::from(words);
+            } else if place == 0 {
                 let slot = groups.get_mut(usize::from(first))?;
                 if *slot != 0 || usize::from(first) <= at + usize::from(i) {
                     return None;
                 }
                 *slot = entry(mask, below);
-                announced += u32::from(shape(mask).words);
+                announced += usize::from(words);
                 finest = finest.min(below);
             } else if place == 1 && first < head.child_refs && mark(&mut refs, first.into()) {
                 refs_reached += 1;
@@ -231,9 +276,17 @@ fn sweep<const WORDS: usize, const REFS: usize>(page: &[u32], head: &FrameHead) 
                 return None;
             }
         }
-        at += words;
+        if end > behind {
+            let values = page.get(behind..end)?;
+            range.leaves(values);
+            straight += values.len();
+            finest = finest.min(below);
+        }
+        at = end;
     }
-    let covered = at == page.len() && announced as usize + FRAME_WORDS == page.len();
+    leaves += u32::try_from(straight).ok()?;
+    let covered = at == page.len() && announced + straight + FRAME_WORDS == page.len();
+    let (min, max) = range.extremes();
     let counts = PageCounts { leaves, inner, empty, min, max, level_finest: finest };
     (covered && refs_reached == head.child_refs).then_some(counts)
 }
@@ -353,4 +406,98 @@ fn walk(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<PageCoun
         return Err(cx.fault(Rule::MhReference, 0, number(head.child_refs.into()), number(refs_reached.into())));
     }
     Ok(counts)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_possible_truncation)]
+mod tests {
+    use super::*;
+    use crate::{PageRecord, StructureRecord};
+
+    struct Numbers(u64);
+
+    impl Numbers {
+        fn below(&mut self, n: usize) -> usize {
+            self.0 = self.0.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
+            (self.0 >> 33) as usize % n
+        }
+    }
+
+    /// A good page: of the groups that wait, any one is placed next; `ordered` takes the last, as the writer does.
+    fn page(r: &mut Numbers, level: u8, ordered: bool) -> Vec<u32> {
+        let root = mask_at(r, level);
+        let (mut words, mut refs) = (vec![0, 0], 0u16);
+        let mut waiting: Vec<(u8, u8, Option<usize>)> = vec![(root, level, None)];
+        while !waiting.is_empty() {
+            let next = if ordered { waiting.len() - 1 } else { r.below(waiting.len()) };
+            let (mask, level, above) = waiting.remove(next);
+            let start = words.len();
+            if let Some(at) = above {
+                words[at] = u32::from(mask) | (start as u32) << 16;
+            }
+            let mut below = Vec::new();
+            for c in 0..4 {
+                let kind = Mask(mask).child(c);
+                let at = words.len();
+                words.extend((0..kind.words()).map(|_| r.below(1 << 31) as u32));
+                if kind.has_children() && r.below(8) == 0 {
+                    words[at] = 1 | 1 << 8 | u32::from(refs) << 16;
+                    refs += 1;
+                } else if kind.has_children() {
+                    below.push((mask_at(r, level - 1), level - 1, Some(at)));
+                }
+            }
+            waiting.extend(below.into_iter().rev());
+        }
+        let head =
+            FrameHead { tag: 1, root_mask: root, child_refs: refs, words: words.len() as u16, root_level: level };
+        words[..2].copy_from_slice(&head.encode());
+        words
+    }
+
+    fn mask_at(r: &mut Numbers, level: u8) -> u8 {
+        loop {
+            let mask = r.below(256) as u8 & if level == 0 { 0x55 } else { 0xFF };
+            if mask != 0 {
+                return mask;
+            }
+        }
+    }
+
+    /// Of good pages and of damaged ones: the sweep takes exactly what the walk takes, and counts the same.
+    #[test]
+    fn both_methods_agree() {
+        let mut r = Numbers(7);
+        let (record, structure) = (PageRecord::zeroed(), StructureRecord::zeroed());
+        let cx = PageContext { structure: 0, ordinal: 1, page: &record, record: &structure };
+        let (mut good, mut bad) = (0, 0);
+        for i in 0..4000u32 {
+            let mut words = page(&mut r, (i % 5) as u8, i % 3 == 0);
+            if words.len() > MOST {
+                continue;
+            }
+            for change in 0..20 {
+                if change > 0 {
+                    let at = 2 + r.below(words.len() - 2);
+                    let kept = words[at];
+                    words[at] = match r.below(4) {
+                        0 => r.below(1 << 32) as u32,
+                        1 => kept ^ 1 << r.below(32),
+                        2 => words[2 + r.below(words.len() - 2)],
+                        _ => kept & 0xFFFF | (r.below(words.len() + 1) as u32) << 16,
+                    };
+                }
+                let head = FrameHead::decode(&words).unwrap();
+                let walked = walk(&words, &head, &cx);
+                let swept = sweep::<MOST, { MOST / 32 }>(&words, &head);
+                assert_eq!(swept, walked.as_ref().ok().copied(), "{i} {change}: {walked:?}");
+                assert!(change > 0 || swept.is_some(), "{i}: {walked:?}");
+                if words.len() <= 256 {
+                    assert_eq!(sweep::<256, 8>(&words, &head), swept);
+                }
+                *(if swept.is_some() { &mut good } else { &mut bad }) += 1;
+            }
+        }
+        assert!(good > 5000 && bad > 5000, "{good} {bad}");
+    }
 }
