@@ -71,6 +71,12 @@ pub enum ReaderError {
         /// The structure's kind.
         found: Kind,
     },
+    /// The caller asked to stop.
+    #[error("{file}: stopped")]
+    Stopped {
+        /// Name of the source.
+        file: Arc<str>,
+    },
 }
 
 impl ReaderError {

@@ -249,7 +249,15 @@ impl MhMap {
     /// # Errors
     /// A page can't be loaded, breaks a rule (`mh.link` among them), or all together are above the limits.
     pub fn preload(&self) -> Result<ResidentMh, ReaderError> {
-        ResidentMh::load(self)
+        self.preload_while(&|| true)
+    }
+
+    /// [`preload`](Self::preload) that asks before each page whether to go on.
+    ///
+    /// # Errors
+    /// As `preload`; [`ReaderError::Stopped`] where the answer was no.
+    pub fn preload_while(&self, go_on: &dyn Fn() -> bool) -> Result<ResidentMh, ReaderError> {
+        ResidentMh::load(self, go_on)
     }
 
     /// Refuses an array of more words than the limits allow or a 32-bit index reaches.

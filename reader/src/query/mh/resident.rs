@@ -12,7 +12,7 @@ use umbrage_format::kind::mh::{Mask, ROOT_GROUP, child_of};
 use umbrage_format::projection::{Lattice, UNCOVERED};
 
 use super::follow::Follow;
-use super::{MhMap, root_mask};
+use super::{MhMap, PageView, root_mask};
 use crate::ReaderError;
 use crate::query::{Visibility, locate};
 
@@ -51,7 +51,7 @@ struct Walk {
 }
 
 impl ResidentMh {
-    pub(super) fn load(map: &MhMap) -> Result<Self, ReaderError> {
+    pub(super) fn load(map: &MhMap, go_on: &dyn Fn() -> bool) -> Result<Self, ReaderError> {
         let structure = map.structure();
         let count = structure.page_count();
         let mut total = 0u64;
@@ -65,6 +65,9 @@ impl ResidentMh {
         let mut pages = Vec::with_capacity(count as usize);
         let mut follow = Follow::default();
         for ordinal in 0..count {
+            if !go_on() {
+                return Err(ReaderError::Stopped { file: structure.file().clone() });
+            }
             // Pages that are not kept by the map need not be kept by it now.
             let page = map.resident(ordinal).cloned().map_or_else(|| structure.page(ordinal), Ok)?;
             follow.page(structure, &page)?;
@@ -171,6 +174,13 @@ impl ResidentMh {
             Some((x, y, depth)) => Visibility::inside(depth, self.value(x, y, level)),
             None => Visibility::OUTSIDE,
         }
+    }
+
+    /// A page, for walks that say which pages they need.
+    pub fn page(&self, ordinal: u32) -> Option<PageView<'_>> {
+        let &(start, first_child) = self.pages.get(ordinal as usize)?;
+        let end = self.pages.get(ordinal as usize + 1).map_or(self.words.len(), |next| next.0 as usize);
+        Some(PageView { words: self.words.get(start as usize..end)?, first_child })
     }
 
     /// Texels on a side.
