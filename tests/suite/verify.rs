@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::Value;
-use umbrage::certify::Oracle;
+use umbrage::certify::stop::Stops;
+use umbrage::certify::{Oracle, Region};
 use umbrage::format::{PageRecord, Rule};
 use umbrage::reader::query::mh::MhMap;
 use umbrage::reader::{Container, FileSource, Limits};
@@ -96,11 +97,29 @@ fn a_lowered_stop_error_is_caught() {
     let stops = &good["stop_errors"];
     assert_eq!((&stops["violations"], &stops["passed_over"]), (&0.into(), &0.into()), "{good}");
     assert!(stops["pairs"].as_u64() > Some(10_000) && stops["held_exactly"].as_u64() > Some(0), "{good}");
-    let container = open(&path);
-    let s = container.structure(0).unwrap();
-    let bounded = (1..s.page_count()).filter(|&p| s.page_record(p).unwrap().stop_error.get() > 0);
-    for page in bounded.step_by(40).take(4) {
-        let error = s.page_record(page).unwrap().stop_error.get();
+    let map = MhMap::new(open(&path).structure(0).unwrap()).unwrap();
+    let s = map.structure();
+    let mesh = scene::generated(CITY).unwrap().unwrap();
+    let snapped = snap(&mesh, map.lattice(), Policy::Closed).unwrap();
+    let oracle = Oracle::new(&snapped);
+    let stops = Stops::new(s, &map.preload().unwrap()).unwrap();
+    // The least that a record may promise; a writer may promise more.
+    let least = |page: u32| {
+        let stop = *stops.over(Region { x: 0, y: 0, width: 512, height: 512 }).into_iter().find(|s| s.page == page)?;
+        let [x, y] = stop.origin;
+        let texels = (0..stop.side).flat_map(|j| (0..stop.side).map(move |i| (x + i, y + j)));
+        let distance = |(x, y)| {
+            let truth = oracle.texel(x, y).interval;
+            truth.min.saturating_sub(stop.answer).max(stop.answer.saturating_sub(truth.max))
+        };
+        texels.map(distance).max().filter(|d| *d > 0).map(|d| (page, d))
+    };
+    let found: Vec<(u32, u32)> = (1..s.page_count()).step_by(37).filter_map(least).take(2).collect();
+    assert_eq!(found.len(), 2);
+    let (page, error) = found[0];
+    rewrite_with(&path, &place.0.join("least.umb"), page, |_, record| record.stop_error = error.into());
+    place.fine(&["verify", "least.umb", "--source", CITY]);
+    for (page, error) in found {
         rewrite_with(&path, &place.0.join("bad.umb"), page, |_, record| record.stop_error = (error - 1).into());
         place.fine(&["verify", "bad.umb"]);
         let found = json(&place, &["verify", "bad.umb", "--source", CITY, "--json"], 1);
@@ -129,7 +148,7 @@ fn json_comes_with_late_errors() {
     }
     let fine = json(&place, &["verify", "city.umb", "--json"], 0);
     assert_eq!(fine["error"], Value::Null);
-    place.write("cut.umb", &[0; 64]);
+    place.write("cut.umb", [0; 64]);
     let found = json(&place, &["verify", "cut.umb", "--json"], 4);
     assert_eq!(found["error"]["exit_code"], 4);
 }
