@@ -1,12 +1,14 @@
 //! Depth layers on the command line: `umbrage bake LAYERS.exr` and `umbrage verify --source LAYERS.exr`.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use serde_json::json;
 use umbrage::certify::Region;
 use umbrage::certify::layers::{LayersTally, check};
 use umbrage::certify::sample::{Borders, regions};
+use umbrage::certify::stop::{StopTally, Stops};
 use umbrage::reader::Structure;
 use umbrage::reader::query::Map;
 use umbrage::writer::bake::BakeError;
@@ -220,7 +222,7 @@ pub fn verify(
     args: &LayerArgs,
     structure: Structure,
     sample: Option<u64>,
-) -> Result<(LayersTally, u64), Failure> {
+) -> Result<(LayersTally, StopTally, u64), Failure> {
     let name = structure.name().to_string();
     let meaning = Second::of(structure.record()).ok_or_else(|| {
         Failure::new(INPUT, format!("light '{name}' was baked from a scene; give that scene with --source"))
@@ -263,13 +265,24 @@ pub fn verify(
             (regions.into_iter().map(square).collect(), near)
         }
     };
-    let resident = map.preload()?;
-    let mut tally = LayersTally::default();
+    let resident = map.preload_while(&go_on)?;
+    let stops = Stops::new(map.structure(), &resident)?;
+    let (mut tally, mut stopped) = (LayersTally::default(), StopTally::default());
+    let watched = Watched::start(squares.iter().map(|s| 1u64 << (2 * s.log2_side)).sum());
     for square in squares {
         if !go_on() {
             return Err(Failure::interrupted());
         }
-        check(&layers, square, guard, &|x, y| resident.value(x, y, 0), &mut tally)?;
+        let length = 1 << square.log2_side;
+        let pages = stops.over(Region { x: square.origin[0], y: square.origin[1], width: length, height: length });
+        let stop = |texel, allowed| {
+            for page in pages.iter().filter(|p| p.holds(texel)) {
+                stopped.pairs += 1;
+                stopped.hold(page, texel, stops.answer(page, texel), allowed);
+            }
+        };
+        check(&layers, square, guard, &|x, y| resident.value(x, y, 0), &mut tally, stop)?;
+        watched.progress.texels.fetch_add(1 << (2 * square.log2_side), Ordering::Relaxed);
     }
-    Ok((tally, near))
+    Ok((tally, stopped, near))
 }

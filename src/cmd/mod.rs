@@ -119,6 +119,7 @@ impl From<ReaderError> for Failure {
     fn from(e: ReaderError) -> Self {
         let code = match &e {
             ReaderError::Io { .. } => INPUT,
+            ReaderError::Stopped { .. } => return Failure::interrupted(),
             ReaderError::UnknownStructure { .. } | ReaderError::OutOfRange { .. } => USAGE,
             _ => REFUSED,
         };

@@ -451,6 +451,26 @@ fn an_interrupted_bake_leaves_the_old_target_and_nothing_else() {
     }
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn an_interrupted_verify_ends_with_130() {
+    let place = Place::new("interrupted-verify");
+    place.fine(&["bake", CITY, "--light", SUN, "--resolution", "4096", "--policy", "closed", "-o", "city.umb"]);
+    for after in [0, 300] {
+        let args = ["verify", "city.umb", "--source", CITY, "--json"];
+        let mut child = place.command(&args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        wait_for_handler(&mut child);
+        std::thread::sleep(Duration::from_millis(after));
+        let start = Instant::now();
+        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+        let out = child.wait_with_output().unwrap();
+        assert_eq!(out.status.code(), Some(130), "{}", text(&out).1);
+        let found: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert_eq!((&found["ok"], &found["error"]["exit_code"]), (&false.into(), &130.into()), "{found}");
+        assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+    }
+}
+
 #[test]
 fn the_demo_writes_its_files_and_has_no_wrong_pixel() {
     let place = Place::new("demo");

@@ -173,13 +173,13 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
             _ => build(&snapped, how, spool, progress),
         };
         let tree = tree.map_err(|stop| match stop {
-                Stop::Cancelled => BakeError::Cancelled,
-                Stop::Spool(e) => BakeError::Write(e),
-                Stop::Budget => {
-                    let needed = held + progress.held();
-                    memory_error(options.memory_bytes.unwrap_or(0), "the geometry with the tree so far", needed)
-                }
-            })?;
+            Stop::Cancelled => BakeError::Cancelled,
+            Stop::Spool(e) => BakeError::Write(e),
+            Stop::Budget => {
+                let needed = held + progress.held();
+                memory_error(options.memory_bytes.unwrap_or(0), "the geometry with the tree so far", needed)
+            }
+        })?;
         if options.lights.len() > 1 {
             tree.spool.put_aside();
             if let Some(e) = tree.spool.failed() {

@@ -12,7 +12,7 @@ use umbrage_format::kind::mh::child_of;
 use umbrage_format::kind::vector::{Child, Layout, value};
 use umbrage_format::projection::UNCOVERED;
 
-use super::{centre, inside, side_mask};
+use super::{PageView, centre, inside, side_mask};
 use crate::query::resident::GRID_LEVELS;
 
 /// Pages that are all checked and linked.
@@ -170,6 +170,13 @@ impl Tree {
         let [fx, fy] = if page.layout.proven(words, index) { sub } else { [128; 2] };
         let entry = page.layout.entry(words, index);
         value(words, &page.layout, entry, inside(x & page.side_mask, fx), inside(y & page.side_mask, fy))
+    }
+
+    /// A page, for walks that say which pages they need.
+    pub(in crate::query) fn view(&self, ordinal: u32) -> Option<PageView<'_>> {
+        let page = self.pages.get(ordinal as usize)?;
+        let end = self.pages.get(ordinal as usize + 1).map_or(self.words.len(), |next| next.first as usize);
+        Some(PageView { words: self.words.get(page.first as usize..end)?, first_child: page.first_child })
     }
 
     /// Bytes held.

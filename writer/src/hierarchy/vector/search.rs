@@ -134,7 +134,9 @@ impl<'a> Search<'a> {
     }
 
     fn half_planes(&self, path: &[(usize, bool)]) -> Vec<HalfPlane> {
-        path.iter().map(|&(c, inside)| if inside { self.cuts[c].inside } else { self.cuts[c].inside.beyond() }).collect()
+        path.iter()
+            .map(|&(c, inside)| if inside { self.cuts[c].inside } else { self.cuts[c].inside.beyond() })
+            .collect()
     }
 
     fn cell(
@@ -217,8 +219,9 @@ impl<'a> Search<'a> {
                 }
                 let inside = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
                 let s = &self.rays.surfaces[l.index as usize];
-                let corner =
-                    |j: usize| [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a]);
+                let corner = |j: usize| {
+                    [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a])
+                };
                 let ends = [corner(k), corner(k + 1)];
                 let Some(part) = clip_segment(ends.map(|e| e.map(|v| v as f64)), &region) else { continue };
                 let middle = [0, 1].map(|a| (part[0][a] + part[1][a]) / 2.0);
@@ -395,7 +398,9 @@ impl<'a> Search<'a> {
                 let range = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close);
                 let guard = i64::from(self.guard);
                 range.is_some_and(|(low, high)| {
-                    low + guard <= i64::from(v) && i64::from(v) <= high - guard && (high - low) as u64 >= wide(self.guard)
+                    low + guard <= i64::from(v)
+                        && i64::from(v) <= high - guard
+                        && (high - low) as u64 >= wide(self.guard)
                 })
             }
             Entry::Plane(plane) => {
@@ -663,9 +668,7 @@ impl<'a> Search<'a> {
 
     /// Whether the front at the point is level, so that constants do as well as planes.
     pub fn is_level(&self, list: &[u32], centre: [i64; 2]) -> bool {
-        self.front(list, centre).is_none_or(|f| {
-            gradient(&self.rays.surfaces[self.local(f).index as usize]) == [0.0; 2]
-        })
+        self.front(list, centre).is_none_or(|f| gradient(&self.rays.surfaces[self.local(f).index as usize]) == [0.0; 2])
     }
 }
 
