@@ -9,7 +9,7 @@ use umbrage::writer::container::Target;
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
-use super::{Failure, TARGET, USAGE, Watched, layers, listen, load_scene, parse_numbers};
+use super::{Failure, TARGET, USAGE, Watched, layers, listen, load_scene_within, parse_numbers};
 
 /// Arguments of `bake`.
 #[derive(clap::Args)]
@@ -123,18 +123,20 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let start = Instant::now();
     // Made and removed: a target that can't be written is found before the work, not after it.
     drop(Target::create(&args.output).map_err(BakeError::from)?);
-    let mesh = load_scene(&args.scene)?;
+    let pool = pool(args.threads)?;
+    let memory_bytes = args.memory.map(|m| m.saturating_mul(1 << 20));
+    let mesh = pool.install(|| load_scene_within(&args.scene, memory_bytes))?;
     let load = start.elapsed().as_secs_f64();
     let options = BakeOptions {
         lights,
         resolution: args.resolution.unwrap_or(16384),
         policy: args.policy,
         exhaustive: args.builder == "exhaustive",
-        memory_bytes: args.memory.map(|m| m.saturating_mul(1 << 20)),
+        memory_bytes,
     };
     let texels = options.resolution.saturating_mul(options.resolution).saturating_mul(options.lights.len() as u64);
     let watched = Watched::start(texels);
-    let baked = pool(args.threads)?.install(|| bake(&mesh, &options, &args.output, &watched.progress))?;
+    let baked = pool.install(|| bake(&mesh, &options, &args.output, &watched.progress))?;
     drop(watched);
     let total = start.elapsed().as_secs_f64();
     if args.json {

@@ -25,6 +25,7 @@ use umbrage::writer::hierarchy::build::Progress;
 use umbrage::writer::layers::LayersError;
 use umbrage::writer::mesh::Mesh;
 use umbrage::writer::scene;
+use umbrage::writer::scene::load::{Bounds, Fault, LoadError};
 
 /// Exit code: the arguments are wrong.
 pub const USAGE: u8 = 2;
@@ -105,6 +106,16 @@ impl From<BakeError> for Failure {
     }
 }
 
+impl From<LoadError> for Failure {
+    fn from(e: LoadError) -> Self {
+        match e.fault {
+            Fault::Stopped => Failure::interrupted(),
+            Fault::Memory { .. } => Failure::new(TARGET, e),
+            _ => Failure::new(INPUT, e),
+        }
+    }
+}
+
 impl From<LayersError> for Failure {
     fn from(e: LayersError) -> Self {
         match e {
@@ -135,10 +146,16 @@ impl From<umbrage::render::ImageError> for Failure {
 /// A scene: `city:SEED[:SIZE]`, `forest:...`, `scan:...`, or a mesh file. What a file has that is ignored or
 /// changed is said on stderr.
 pub fn load_scene(spec: &str) -> Result<Mesh, Failure> {
+    load_scene_within(spec, None)
+}
+
+/// As [`load_scene`], within a memory budget in bytes.
+pub fn load_scene_within(spec: &str, memory_bytes: Option<u64>) -> Result<Mesh, Failure> {
     if let Some(mesh) = scene::generated(spec) {
         return mesh.map_err(|e| Failure::new(INPUT, e));
     }
-    let loaded = scene::load::load(Path::new(spec)).map_err(|e| Failure::new(INPUT, e))?;
+    let bounds = Bounds { memory_bytes, keep_on: &go_on };
+    let loaded = scene::load::load_within(Path::new(spec), &bounds)?;
     for note in &loaded.notes {
         eprintln!("{spec}: {note}");
     }

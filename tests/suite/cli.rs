@@ -90,7 +90,7 @@ pub fn text(out: &Output) -> (String, String) {
 
 /// The error of a run: one line, nothing on stdout, no trace of a panic. What the argument parser says of wrong
 /// arguments is one line too, with the usage below it.
-fn error(out: &Output, code: i32, args: &[&str]) -> String {
+pub fn error(out: &Output, code: i32, args: &[&str]) -> String {
     let (stdout, stderr) = text(out);
     assert_eq!((out.status.code(), stdout.as_str()), (Some(code), ""), "{args:?}: {stderr}");
     assert!(!stderr.contains("panicked") && !stderr.contains("RUST_BACKTRACE"), "{args:?}: {stderr}");
@@ -418,7 +418,7 @@ fn the_number_of_threads_changes_no_byte() {
 
 /// Waits until the program handles the signal itself.
 #[cfg(target_os = "linux")]
-fn wait_for_handler(child: &mut Child) {
+pub fn wait_for_handler(child: &mut Child) {
     let start = Instant::now();
     let caught = |status: String| {
         let mask = status.lines().find_map(|l| l.strip_prefix("SigCgt:").map(|m| m.trim().to_string()))?;
