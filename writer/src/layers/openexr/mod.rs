@@ -20,8 +20,8 @@ use std::path::PathBuf;
 use exr::meta::header::Header;
 use xxhash_rust::xxh3::Xxh3;
 
-pub use file::ExrError;
 use file::{Channel, File, Plane};
+pub use file::{ExrError, is_decoding};
 
 use super::{DepthScale, DepthSource, LayersError, Projection, Second, SourceError, Square};
 use crate::bake::memory_error;
