@@ -15,6 +15,7 @@ use exr::meta::header::Header;
 use exr::prelude::f16;
 
 use crate::layers::LayersError;
+use crate::scene::load::text::line;
 
 /// No compression of the format makes pixels smaller by more (zip: 1032), and small files may.
 const MOST_INFLATION: u64 = 2048;
@@ -158,13 +159,13 @@ impl File {
     }
 
     fn fault(&self, what: String) -> ExrError {
-        ExrError::Content { file: self.path.clone(), what }
+        ExrError::Content { file: self.path.clone(), what: line(&what) }
     }
 
     /// A missing or ambiguous channel.
     pub fn no_channel(&self, wanted: String) -> ExrError {
-        let found = self.channels().into_iter().map(|c| c.name).collect();
-        ExrError::Channel { file: self.path.clone(), wanted, found }
+        let found = self.channels().iter().map(|c| line(&c.name)).collect();
+        ExrError::Channel { file: self.path.clone(), wanted: line(&wanted), found }
     }
 
     /// All channels of all layers.
@@ -312,5 +313,5 @@ fn content(path: &Path, e: &exr::error::Error) -> ExrError {
         E::Invalid(what) => format!("cut or damaged OpenEXR file ({what}); fetch it again"),
         E::Aborted => "stopped".to_string(),
     };
-    ExrError::Content { file: path.to_path_buf(), what: what.replace('\n', " ") }
+    ExrError::Content { file: path.to_path_buf(), what: line(&what.replace('\n', " ")) }
 }

@@ -17,7 +17,7 @@ mod ply;
 mod polygon;
 #[cfg(test)]
 mod testing;
-mod text;
+pub(crate) mod text;
 
 use std::fs;
 use std::io::Read;
