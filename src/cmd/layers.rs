@@ -1,6 +1,7 @@
 //! Depth layers on the command line: `umbrage bake LAYERS.exr` and `umbrage verify --source LAYERS.exr`.
 
 use std::path::{Path, PathBuf};
+use std::sync::Once;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
@@ -13,7 +14,7 @@ use umbrage::reader::Structure;
 use umbrage::reader::query::Map;
 use umbrage::writer::bake::BakeError;
 use umbrage::writer::container::Target;
-use umbrage::writer::layers::openexr::{ExrLayers, ExrOptions, Placement};
+use umbrage::writer::layers::openexr::{ExrLayers, ExrOptions, Placement, is_decoding};
 use umbrage::writer::layers::{BakedLayers, DepthSource, LatticeLayers, LayersOptions, Second, Square, bake_layers};
 use umbrage::writer::solid::Policy;
 
@@ -148,13 +149,19 @@ fn placement(light: &LightArg, args: &PlacementArgs) -> Result<Placement, Failur
     }
 }
 
-/// Reads the files. A decoder that breaks off over damaged pixels is an error of one line, without its own.
+/// Reads the files. A decoder that breaks off over damaged pixels is an error of one line, without its own; any other
+/// panic, of this thread or another, is told as ever.
 fn read(name: &str, options: &ExrOptions) -> Result<ExrLayers, Failure> {
-    let hook = std::panic::take_hook();
-    std::panic::set_hook(Box::new(|_| {}));
-    let layers = ExrLayers::read(name, options, &go_on);
-    std::panic::set_hook(hook);
-    Ok(layers?)
+    static QUIET: Once = Once::new();
+    QUIET.call_once(|| {
+        let hook = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !is_decoding() {
+                hook(panic);
+            }
+        }));
+    });
+    Ok(ExrLayers::read(name, options, &go_on)?)
 }
 
 /// Bakes depth layers.
@@ -211,7 +218,7 @@ fn report(bake: &Bake, layers: &ExrLayers, b: &BakedLayers, side: u64, load: f64
         s.snap,
         s.build,
         s.write,
-        output::bytes(output::peak_memory())
+        output::mib(output::peak_memory())
     ))?;
     line(&bake.output.display().to_string())
 }

@@ -90,7 +90,7 @@ pub fn text(out: &Output) -> (String, String) {
 
 /// The error of a run: one line, nothing on stdout, no trace of a panic. What the argument parser says of wrong
 /// arguments is one line too, with the usage below it.
-fn error(out: &Output, code: i32, args: &[&str]) -> String {
+pub fn error(out: &Output, code: i32, args: &[&str]) -> String {
     let (stdout, stderr) = text(out);
     assert_eq!((out.status.code(), stdout.as_str()), (Some(code), ""), "{args:?}: {stderr}");
     assert!(!stderr.contains("panicked") && !stderr.contains("RUST_BACKTRACE"), "{args:?}: {stderr}");
@@ -295,6 +295,26 @@ fn arguments_out_of_range_are_a_wrong_use() {
         let line = place.refused(2, &[args, &[option, "-7"]].concat());
         assert!(line.contains("-7") && !line.contains("unexpected"), "{line}");
     }
+    // What is no number at all: what was expected, and what was found.
+    for (args, option, expected) in [
+        (&bake[..], "--resolution", "expected a power of two from 1 to 16777216"),
+        (&bake, "--memory", "expected a whole number from 0 to "),
+        (&bake, "--threads", "expected 1 to 1024"),
+        (&["dump", "scan.umb"], "--page", "expected a whole number from 0 to 4294967295"),
+        (&["dump", "scan.umb", "--image", "new.png"], "--level", "expected a whole number from 0 to 24"),
+        (&["demo", "--out", "new"], "--budget", "expected a whole number from 1 to 1048576"),
+        (&render, "--budget", "expected a whole number from 1 to 1048576"),
+        (&render, "--fov", "expected degrees above 0 and below 180"),
+    ] {
+        let line = place.refused(2, &[args, &[option, "1o"]].concat());
+        assert!(line.contains(expected) && line.contains("found '1o'"), "{line}");
+    }
+    // Users know lights.
+    place.write("points.csv", "x,y,z\n0,0,0\n");
+    let line = place.refused(2, &["query", "scan.umb", "--light", "moon", "--world", "points.csv"]);
+    assert!(line.ends_with("no light is named 'moon'; it has sun"), "{line}");
+    let line = place.refused(2, &["merge", "scan.umb", "scan.umb", "-o", "new.umb"]);
+    assert!(line.contains("two lights are named 'sun'"), "{line}");
     place.refused(2, &[&bake[..], &["--light", "-7"]].concat());
     for camera in ["1,2,3", "1,2,3,1,2,3", "1,2,3,4,5,NaN", "-1,-2,-3,-4,-5", ""] {
         place.refused(2, &["render", SCAN, "scan.umb", "--camera", camera, "-o", "new.png"]);
@@ -418,7 +438,7 @@ fn the_number_of_threads_changes_no_byte() {
 
 /// Waits until the program handles the signal itself.
 #[cfg(target_os = "linux")]
-fn wait_for_handler(child: &mut Child) {
+pub fn wait_for_handler(child: &mut Child) {
     let start = Instant::now();
     let caught = |status: String| {
         let mask = status.lines().find_map(|l| l.strip_prefix("SigCgt:").map(|m| m.trim().to_string()))?;

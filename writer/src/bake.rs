@@ -76,9 +76,13 @@ pub enum BakeError {
         name: String,
     },
     /// The budget can't hold the work.
-    #[error("memory budget of {budget} bytes: {what} needs {needed}; give at least --memory {mib}")]
+    #[error(
+        "memory budget of {} MiB: {what} needs {} MiB; give at least --memory {mib}",
+        budget >> 20,
+        needed.div_ceil(1 << 20)
+    )]
     Memory {
-        /// What was given.
+        /// What was given, bytes.
         budget: u64,
         /// What was about to be held.
         what: &'static str,

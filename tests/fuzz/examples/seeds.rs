@@ -1,5 +1,8 @@
 //! Makes the kept seeds of every target: `cargo run --manifest-path tests/fuzz/Cargo.toml --example seeds`.
 
+#[path = "seeds/layers.rs"]
+mod layers;
+
 use std::path::Path;
 
 fn main() -> std::io::Result<()> {
@@ -77,6 +80,10 @@ fn main() -> std::io::Result<()> {
     let head: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
     put("scene", "glb", &[&[3][..], &head, json.as_bytes()].concat())?;
     put("scene", "by-content", &[&[4][..], cube.as_bytes()].concat())?;
+
+    for (name, bytes) in layers::files() {
+        put("layers", &name, &bytes)?;
+    }
 
     put("roundtrip", "tree-flat", &[0])?;
     put("roundtrip", "tree-cut", &[3 << 1, 0x0C, 2, 1, 0, 15, 0, 3, 0, 1, 1, 0, 7, 0, 9, 9, 2, 8, 8, 5, 0, 1, 1])?;

@@ -589,7 +589,7 @@ impl<'a> Search<'a> {
         let far = (a.abs() + b.abs()) << self.scale.subtexel_bits;
         [(i, j), (j, i)].into_iter().all(|(own, other)| {
             let cell = &self.cells[own];
-            let inside = cell.path.iter().any(|x| *x == (cut, true));
+            let inside = cell.path.contains(&(cut, true));
             let strip = if inside { HalfPlane { a: -a, b: -b, c: far - c } } else { HalfPlane { a, b, c: c + far } };
             let mut lines = self.half_planes(&cell.path);
             lines.push(strip);
