@@ -13,4 +13,5 @@ mod round_trip;
 mod target;
 mod tree;
 mod vector;
+#[allow(dead_code, reason = "the workspace's tests and the fuzz targets make trees of it, too")]
 mod vector_tree;
