@@ -51,8 +51,8 @@ fn main() -> std::io::Result<()> {
     };
     let tree = |seed: u32, bushy: u8, which: u8, n: u32| [&[bushy, which][..], &numbers(seed, n)].concat();
     put("page", "vector-leaf", &[&[3, 0x40][..], &tree(1, 0, 0, 40)].concat())?;
-    put("page", "vector-tree", &[&[6, 0x40][..], &tree(2, 7, 0, 3000)].concat())?;
-    put("page", "vector-group", &[&[6, 0x40][..], &tree(3, 7, 2, 3000)].concat())?;
+    put("page", "vector-tree", &[&[6, 0x40][..], &tree(2, 7, 0, 1500)].concat())?;
+    put("page", "vector-group", &[&[6, 0x40][..], &tree(3, 7, 2, 1500)].concat())?;
     // A stub's number, a plane's bits, a value's bounds, an index.
     for (name, change) in [
         ("vector-topology", [5, 0, 0, 9, 0]),
@@ -103,7 +103,7 @@ fn main() -> std::io::Result<()> {
     put("roundtrip", "tree-cut", &[3 << 1, 0x0C, 2, 1, 0, 15, 0, 3, 0, 1, 1, 0, 7, 0, 9, 9, 2, 8, 8, 5, 0, 1, 1])?;
     put("roundtrip", "vector-leaf", &[0x80])?;
     put("roundtrip", "vector-tree", &[&[0x80 | 4 << 1, 6][..], &numbers(7, 2000)].concat())?;
-    put("roundtrip", "vector-large", &[&[0x80 | 7 << 1, 7][..], &numbers(8, 9000)].concat())?;
+    put("roundtrip", "vector-large", &[&[0x80 | 7 << 1, 7][..], &numbers(8, 4000)].concat())?;
     put("roundtrip", "image-small", &[1, 4, 3, 0, 0, 0x12, 0x34, 0x13, 0xFF, 0x12])?;
     put("roundtrip", "image-many-pages", &[1, 15, 20, 200, 0, 0x12, 0x34, 0x13, 0xFF, 0x80, 0x7F, 3])?;
     put("roundtrip", "image-whole-squares", &[1, 12, 30, 9, 3, 1, 2, 3, 0xFF, 5, 6, 7, 0x88])?;

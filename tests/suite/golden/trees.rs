@@ -61,7 +61,7 @@ fn make() -> Vec<Golden> {
         vectors("vector", vec![("sun", 4, vector())]),
         vectors(
             "vector-two",
-            vec![("sun", 6, vector_tree::grow(&mut |n| dice.roll(n), 6, true, 5)), ("lamp", 0, single())],
+            vec![("sun", 5, vector_tree::grow(&mut |n| dice.roll(n), 5, true, 6)), ("lamp", 0, single())],
         ),
         later(),
     ]
