@@ -211,7 +211,7 @@ fn vector() -> Node {
         let list = std::array::from_fn(|i| (selectors >> (2 * i) & 3) as u8);
         Entry::Mask(Box::new([roof.clone(), constant(2_500), ground.clone()]), list)
     };
-    let raw = |shift: u32| Entry::Raw(Box::new(std::array::from_fn(|i| 3_000 + ((i as u32 * 7 + 3) % 19 << shift))));
+    let raw = |shift: u32| Entry::Raw(Box::new(std::array::from_fn(|i| 3_000 + (((i as u32 * 7 + 3) % 19) << shift))));
     let uniform = Entry::Raw(Box::new([4_321; 16]));
     let texels = Node::empty([
         Some(Node::leaf(constant(2_600))),
