@@ -521,3 +521,31 @@ fn merge_keeps_every_light_and_refuses_equal_names() {
     assert!(proof.contains("morning") && proof.contains("noon"), "{proof}");
     assert!(place.refused(2, &["merge", "a.umb", "a.umb", "-o", "d.umb"]).contains("morning"));
 }
+
+/// A file of kind `vector` through the commands that read containers.
+#[test]
+fn vector_files_are_dumped_drawn_queried_and_verified() {
+    let place = Place::new("vector");
+    place.write("v.umb", &crate::golden::named("vector").bytes);
+    let summary: serde_json::Value = serde_json::from_str(&place.fine(&["dump", "v.umb", "--json"])).unwrap();
+    let light = &summary["lights"][0];
+    assert_eq!(light["kind"], "vector");
+    // Every byte of the pages has a purpose.
+    let parts = light["bytes"].as_object().unwrap();
+    let sum: u64 = parts.iter().filter(|(name, _)| *name != "total").map(|(_, n)| n.as_u64().unwrap()).sum();
+    assert_eq!(parts["total"], sum);
+    assert!(light["palette"]["splits"].as_u64() > Some(0) && light["palette"]["raws"].as_u64() > Some(0));
+    let text = place.fine(&["dump", "v.umb"]);
+    assert!(text.contains("palette") && text.contains("topology"), "{text}");
+    let page = place.fine(&["dump", "v.umb", "--page", "1"]);
+    assert!(page.contains("2 masks") && page.contains("heap"), "{page}");
+    for what in ["depth", "nodes", "pages"] {
+        place.fine(&["dump", "v.umb", "--image", "v.png", "--draw", what, "--level", "0"]);
+    }
+    place.write("points.csv", "x,y,level\n3,4,0\n12,2,0\n1,0,3\n");
+    let answers = place.fine(&["query", "v.umb", "--texels", "points.csv"]);
+    let tree = &crate::golden::named("vector").trees[0][0];
+    let rows: Vec<u32> = answers.lines().skip(1).map(|l| l.split(',').nth(3).unwrap().parse().unwrap()).collect();
+    assert_eq!(rows, [tree.lookup(4, 3, 4, 0), tree.lookup(4, 12, 2, 0), tree.lookup(4, 8, 0, 3)]);
+    place.fine(&["verify", "v.umb"]);
+}

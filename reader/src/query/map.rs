@@ -28,7 +28,8 @@ pub struct PageView<'a> {
 /// Where a walk ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Descent {
-    /// The answer: the value last seen; [`UNCOVERED`] where there was none.
+    /// The answer: the value last seen; [`umbrage_format::projection::UNCOVERED`] where there
+    /// was none.
     pub value: u32,
     /// Level of the node that holds the value.
     pub level: u8,
