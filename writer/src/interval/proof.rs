@@ -209,7 +209,7 @@ impl Prover {
                 if region.is_plain() { l.ceil_range(p[0], p[1], size) } else { sheared(rays, l, &region) };
             let mut all = l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
             if close && !all && l.event != Event::Wall {
-                all = self.polygon.covered(rays, l, &region);
+                all = !region.lines.is_empty() && self.polygon.covered(rays, l, &region, 3);
                 self.polygon.region(&region);
                 self.polygon.clip(l);
                 let (sx, sy) = (l.sx - region.shear[0], l.sy - region.shear[1]);
@@ -457,12 +457,10 @@ impl Polygon {
     }
 
     /// Whether the surface covers the region: each edge runs outside it, or along one of its lines.
-    pub(crate) fn covered(&mut self, rays: &Rays, l: &Local, region: &Region<'_>) -> bool {
-        if region.lines.is_empty() {
-            return false;
-        }
+    /// Edge `but` is left out; 3: none is.
+    pub(crate) fn covered(&mut self, rays: &Rays, l: &Local, region: &Region<'_>, but: u8) -> bool {
         let s = &rays.surfaces[l.index as usize];
-        (0..3).all(|k| {
+        (0..3).filter(|k| *k != usize::from(but)).all(|k| {
             let e = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
             let (dx, dy) = (e.a.min(0) * region.size, e.b.min(0) * region.size);
             if e.at(region.p) + dx + dy >= 0 {
@@ -537,9 +535,11 @@ impl Polygon {
         (from <= to).then_some((from, to))
     }
 
-    /// Whether `t` is behind `e`, and nowhere at the same depth, where it lies over the region.
-    pub(crate) fn strictly_behind(&mut self, t: &Local, e: &Local, region: &Region<'_>) -> bool {
+    /// Whether `t` is behind `e`, and nowhere at the same depth, where it lies over the part of the region with
+    /// `part . (x, y, 1) >= 0`.
+    pub(crate) fn strictly_behind(&mut self, t: &Local, e: &Local, region: &Region<'_>, part: [f64; 3]) -> bool {
         self.region(region);
+        self.keep_linear(part[0], part[1], part[2]);
         self.clip(t);
         let (sx, sy) = (t.sx - e.sx, t.sy - e.sy);
         let slack = 2.0 * (t.eps + e.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());

@@ -8,7 +8,7 @@ use umbrage_format::kind::mh::{Mask, NodeType};
 
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale};
 use super::page::{Forest, Group, Node, SHARES};
-use super::search::Search;
+use super::search::{Edges, Search};
 use super::texels::{self, Block};
 use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree};
 use crate::hierarchy::mh::NONE;
@@ -33,7 +33,7 @@ const MOST_ABOVE: usize = 4;
 
 struct Context<'a> {
     surfaces: &'a [Surface],
-    silhouettes: &'a [u8],
+    edges: &'a [Edges],
     scale: Scale,
     second_surface: bool,
     guard: u32,
@@ -53,11 +53,11 @@ struct Part {
 /// [`Stop`]: cancelled, over the budget, or the spool failed.
 pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Progress) -> Result<Tree, Stop> {
     let surfaces = surfaces(mesh);
-    let silhouettes = silhouettes(&surfaces);
+    let edges = edges(&surfaces);
     let scale = Scale { subtexel_bits: mesh.lattice.subtexel_bits, log2_resolution: mesh.lattice.log2_resolution };
     let cx = Context {
         surfaces: &surfaces,
-        silhouettes: &silhouettes,
+        edges: &edges,
         scale,
         second_surface: mesh.second_surface,
         guard: options.guard,
@@ -76,26 +76,53 @@ pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Prog
     }
 }
 
-/// For each surface the edges at which the front of its solid ends, seen from the light: as many entering surfaces run
-/// along it one way as the other everywhere else.
-fn silhouettes(surfaces: &[Surface]) -> Vec<u8> {
+/// For each surface the edges at which the front of its solid ends, seen from the light (as many entering surfaces run
+/// along it one way as the other everywhere else), and its flattest neighbour.
+fn edges(surfaces: &[Surface]) -> Vec<Edges> {
     let edge = |s: &Surface, k: usize| {
         let j = (k + 1) % 3;
-        let (a, b) = ((s.x[k], s.y[k]), (s.x[j], s.y[j]));
-        if a < b { ((s.solid, a, b), 1) } else { ((s.solid, b, a), -1) }
+        let (a, b) = ((s.x[k], s.y[k], s.z[k]), (s.x[j], s.y[j], s.z[j]));
+        let enters = s.event == Event::Enter;
+        if a < b { ((s.solid, enters, a, b), 1) } else { ((s.solid, enters, b, a), -1) }
     };
-    let mut balance: HashMap<_, i32> = HashMap::default();
-    for s in surfaces.iter().filter(|s| s.event == Event::Enter) {
+    // how often the edge is run along in its direction less the other, and who runs
+    let mut found: HashMap<_, (i32, [u32; 2])> = HashMap::default();
+    for (n, s) in (0..).zip(surfaces).filter(|(_, s)| s.event != Event::Wall) {
         for k in 0..3 {
             let (key, way) = edge(s, k);
-            *balance.entry(key).or_insert(0) += way;
+            let e = found.entry(key).or_insert((0, [u32::MAX; 2]));
+            e.0 += way;
+            e.1[usize::from(way < 0)] = n;
         }
     }
-    let flags = |s: &Surface| {
-        let open = |k: usize| s.event == Event::Enter && balance.get(&edge(s, k).0).is_some_and(|b| *b != 0);
-        (0..3).filter(|k| open(*k)).fold(0, |f, k| f | 1 << k)
+    let across = |n: u32, s: &Surface, k: usize| {
+        let (key, way) = edge(s, k);
+        let (balance, runs) = found[&key];
+        (balance == 0).then_some(runs[usize::from(way > 0)]).filter(|m| *m != n && *m != u32::MAX)
     };
-    surfaces.iter().map(flags).collect()
+    let bend = |a: &Surface, b: &Surface| {
+        let (g, h) = (super::entry::gradient(a), super::entry::gradient(b));
+        (g[0] - h[0]).abs() + (g[1] - h[1]).abs()
+    };
+    let mut out: Vec<Edges> = vec![Edges::default(); surfaces.len()];
+    for (n, s) in (0..).zip(surfaces).filter(|(_, s)| s.event != Event::Wall) {
+        let e = &mut out[n as usize];
+        let mut flattest = f64::INFINITY;
+        for k in 0..3 {
+            match across(n, s, k) {
+                None if s.event == Event::Enter => e.silhouettes |= 1 << k,
+                None => {}
+                Some(m) => {
+                    let b = bend(s, &surfaces[m as usize]);
+                    if b < flattest {
+                        flattest = b;
+                        e.mate = Some((k as u8, m));
+                    }
+                }
+            }
+        }
+    }
+    out
 }
 
 impl Context<'_> {
@@ -176,7 +203,7 @@ impl Context<'_> {
         let mut tile = Tile {
             cx: self,
             rays: rays(&locals),
-            search: Search::new(rays(&locals), self.scale, self.guard, self.silhouettes),
+            search: Search::new(rays(&locals), self.scale, self.guard, self.edges),
             forest: Forest::default(),
             stack: (0..locals.len() as u32).collect(),
             scratch: Scratch::default(),

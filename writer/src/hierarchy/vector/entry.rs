@@ -276,8 +276,10 @@ impl Palette {
 pub fn behind(s: &Surface, guard: u32, scale: Scale) -> Option<Plane> {
     let g = gradient(s);
     let reach = (g[0].abs() + g[1].abs()) * scale.half();
-    // one for the rounding of the gradient, two for pages
-    let z = f64::from(s.z[0]) + reach + f64::from(guard) + 4.0;
+    let extent = |v: [u32; 3]| f64::from(v.iter().max().unwrap_or(&0) - v.iter().min().unwrap_or(&0));
+    // what the rounding of the gradient makes over the whole face, and two for pages
+    let rounding = g[0].abs().max(g[1].abs()) * (extent(s.x) + extent(s.y)) / f64::from(1u32 << (GRADIENT_BITS - 1));
+    let z = f64::from(s.z[0]) + reach + f64::from(guard) + 4.0 + rounding;
     Plane::through(g, [i64::from(s.x[0]), i64::from(s.y[0])], z, scale)
 }
 
@@ -289,7 +291,7 @@ pub fn between(front: &Surface, end: &Surface, guard: u32, scale: Scale) -> Opti
     let (f, e) = (gradient(front), gradient(end));
     let reach = |g: [f64; 2]| (g[0].abs() + g[1].abs()) * scale.half();
     let (h, k) = (reach(f), reach(e));
-    let part = if h + k > 0.0 { h / (h + k) } else { 0.5 };
+    let part = if h + k > 0.0 { (h / (h + k)).clamp(0.002, 0.998) } else { 0.5 };
     let at = [i64::from(front.x[0]), i64::from(front.y[0])];
     let depth = end.depth(at[0], at[1]);
     let far = depth.floor as f64 + depth.rem as f64 / depth.den as f64 - f64::from(guard) - 1.0;

@@ -44,6 +44,15 @@ struct Cut {
     beyond: bool,
 }
 
+/// A surface's edges.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Edges {
+    /// Those that bound the front of its solid, seen from the light: bits 0 to 2.
+    pub silhouettes: u8,
+    /// Of the others the one with the flattest neighbour: its number, and that surface.
+    pub mate: Option<(u8, u32)>,
+}
+
 /// A part of the square and what answers it.
 struct Cell {
     /// Number of a cut, and whether the cell lies inside it.
@@ -69,8 +78,8 @@ pub struct Search<'a> {
     pub scale: Scale,
     /// Distance from the ends of wide intervals.
     pub guard: u32,
-    /// Which edges of each surface bound its solid's front: bits 0 to 2.
-    pub silhouettes: &'a [u8],
+    /// What is known of each surface's edges.
+    pub edges: &'a [Edges],
     /// Texels that were found to be edge texels, by the lines through them.
     pub edge_texels: u64,
     prover: Prover,
@@ -85,12 +94,12 @@ pub struct Search<'a> {
 
 impl<'a> Search<'a> {
     /// For one tile.
-    pub fn new(rays: Rays<'a>, scale: Scale, guard: u32, silhouettes: &'a [u8]) -> Self {
+    pub fn new(rays: Rays<'a>, scale: Scale, guard: u32, edges: &'a [Edges]) -> Self {
         Search {
             rays,
             scale,
             guard,
-            silhouettes,
+            edges,
             edge_texels: 0,
             prover: Prover::default(),
             polygon: Polygon::default(),
@@ -158,7 +167,7 @@ impl<'a> Search<'a> {
             return None;
         }
         let tries = 1;
-        for cut in self.candidates(list, region, tries) {
+        for cut in self.candidates(list, region, tries, path) {
             let (cuts, cells) = (self.cuts.len(), self.cells.len());
             let number = match self.cuts.iter().position(|c| c.line == cut.line) {
                 Some(n) => n,
@@ -205,11 +214,11 @@ impl<'a> Search<'a> {
     }
 
     /// Silhouette edges through the region, the one nearest to the light first.
-    fn candidates(&mut self, list: &[u32], region: Region<'_>, most: usize) -> Vec<Cut> {
+    fn candidates(&mut self, list: &[u32], region: Region<'_>, most: usize, path: &[(usize, bool)]) -> Vec<Cut> {
         let mut found: Vec<(f64, Cut)> = Vec::new();
         for &i in list {
             let l = &self.rays.locals[i as usize];
-            let edges = self.silhouettes[l.index as usize];
+            let edges = self.edges[l.index as usize].silhouettes;
             if edges == 0 || l.event != Event::Enter {
                 continue;
             }
@@ -230,7 +239,7 @@ impl<'a> Search<'a> {
                 // the same whichever triangle it comes from
                 let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
                 let Some(line) = Line::through(a, b, self.scale) else { continue };
-                if found.iter().any(|f| f.1.line == line) {
+                if found.iter().any(|f| f.1.line == line) || path.iter().any(|c| self.cuts[c.0].line == line) {
                     continue;
                 }
                 let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
@@ -300,7 +309,9 @@ impl<'a> Search<'a> {
                     }
                 }
                 let tip = Tip { front, end, plane };
-                if self.is_tip(list, region, tip) && self.tip_fits(region, tip) {
+                if let Some(bend) = self.is_tip(list, region, tip)
+                    && self.tip_fits(region, tip, bend)
+                {
                     return Some((palette.entry(Entry::Plane(plane)), Some(tip)));
                 }
             }
@@ -439,37 +450,79 @@ impl<'a> Search<'a> {
         Some(fewest_bits(interval.guarded(self.guard)))
     }
 
-    /// Whether the stretch of every ray of the region begins at the front and ends at the end.
-    fn is_tip(&mut self, list: &[u32], region: Region<'_>, tip: Tip) -> bool {
-        let covers = |polygon: &mut Polygon, i: u32| {
-            let l = &self.rays.locals[i as usize];
-            l.cover(region.p[0], region.p[1], region.size) == Cover::All || polygon.covered(&self.rays, l, &region)
-        };
-        if !covers(&mut self.polygon, tip.front) || !covers(&mut self.polygon, tip.end) {
-            return false;
+    /// Whether the surface covers the region, alone (0) or with the flattest neighbour: then the most that this one lies off its
+    /// plane there, in depth.
+    fn covers(&mut self, list: &[u32], region: &Region<'_>, i: u32) -> Option<(u32, f64)> {
+        let l = &self.rays.locals[i as usize];
+        if l.cover(region.p[0], region.p[1], region.size) == Cover::All
+            || self.polygon.covered(&self.rays, l, region, 3)
+        {
+            return Some((i, 0.0));
         }
+        let (own, mate) = self.edges[l.index as usize].mate?;
+        let other = list.iter().copied().find(|n| self.rays.locals[*n as usize].index == mate)?;
+        let m = &self.rays.locals[other as usize];
+        let shared = self.edges[m.index as usize].mate.filter(|b| b.1 == l.index)?.0;
+        if !self.polygon.covered(&self.rays, l, region, own) || !self.polygon.covered(&self.rays, m, region, shared) {
+            return None;
+        }
+        self.polygon.region(region);
+        let (low, high) = self.polygon.range(m.z0 - l.z0, m.sx - l.sx, m.sy - l.sy);
+        Some((other, low.abs().max(high.abs()) + m.eps + l.eps))
+    }
+
+    /// Whether the stretch of every ray of the region begins at the front and ends at the end, or at their neighbours in
+    /// the same faces: then how far these lie off the planes of the two, in depth.
+    fn is_tip(&mut self, list: &[u32], region: Region<'_>, tip: Tip) -> Option<f64> {
+        let (front, bend) = self.covers(list, &region, tip.front)?;
+        let (end, more) = self.covers(list, &region, tip.end)?;
+        let bend = bend + more;
         let e = &self.rays.locals[tip.end as usize];
+        let other_end = &self.rays.locals[end as usize];
         let f = &self.rays.locals[tip.front as usize];
         self.polygon.region(&region);
         let between = self.polygon.range(e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy).0;
         // the margin of the region reaches beyond the line where both meet
         let slack = (e.sx - f.sx).abs() + (e.sy - f.sy).abs() + 2.0 * (e.eps + f.eps);
-        if between < -slack {
-            return false;
+        if between < -slack - bend {
+            return None;
         }
-        list.iter().all(|i| {
+        // where front and end are so close that the end itself counts, nothing else may begin before it; elsewhere it is
+        // enough that the front is first and its solid is not left before the end
+        let far = self.far(tip, bend);
+        let near = [f.sx - e.sx, f.sy - e.sy, far - (e.z0 - f.z0)];
+        let all = [0.0, 0.0, 1.0];
+        let sound = list.iter().all(|i| {
             let t = &self.rays.locals[*i as usize];
-            *i == tip.front
-                || *i == tip.end
+            if [tip.front, tip.end, front, end].contains(i)
                 || t.event == Event::Wall
-                || t.zmin > e.zmax
-                || self.polygon.strictly_behind(t, e, &region)
-        })
+                || t.zmin > e.zmax.max(other_end.zmax)
+            {
+                return true;
+            }
+            let mut behind = |f: &Local, part: [f64; 3]| self.polygon.strictly_behind(t, f, &region, part);
+            let ends = behind(e, all) && (end == tip.end || behind(other_end, all));
+            let union = self.rays.second_surface || t.solid == f.solid;
+            ends || (!union
+                && behind(e, near)
+                && (end == tip.end || behind(other_end, near))
+                && behind(f, all)
+                && (front == tip.front || behind(&self.rays.locals[front as usize], all)))
+        });
+        sound.then_some(bend)
+    }
+
+    /// The distance of front and end from which on everything is linear and far from rounding.
+    fn far(&self, tip: Tip, bend: f64) -> f64 {
+        let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
+        let reach = (f.sx.abs() + f.sy.abs() + e.sx.abs() + e.sy.abs()) * self.scale.half();
+        // half a reach more than needed, so that the rounding of a gradient over a long face does no harm
+        1.5 * reach + 4.0 * f64::from(self.guard) + 10.0 + 4.0 * bend
     }
 
     /// Whether the tip's plane is right for every texel inside the region, and for the centres of those that are not
     /// inside, or have an empty interval.
-    fn tip_fits(&mut self, region: Region<'_>, tip: Tip) -> bool {
+    fn tip_fits(&mut self, region: Region<'_>, tip: Tip, bend: f64) -> bool {
         let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
         let half = self.scale.half();
         let (h, k) = ((f.sx.abs() + f.sy.abs()) * half, (e.sx.abs() + e.sy.abs()) * half);
@@ -477,9 +530,11 @@ impl<'a> Search<'a> {
         let (whole, part) = tip.plane.at(self.rays.corner, self.scale);
         let g = tip.plane.gradient(self.scale);
         let z = whole as f64 + part;
-        let eps = 4.0 * (f.eps + e.eps) + (g[0].abs() + g[1].abs()) * 1e-7 + 0.01;
-        // beyond this distance everything is linear and far from rounding
-        let far = h + k + 4.0 * guard + 10.0;
+        let eps = 4.0 * (f.eps + e.eps) + (g[0].abs() + g[1].abs()) * 1e-7 + 0.01 + bend;
+        if bend > 0.05 * (h + k) {
+            return false;
+        }
+        let far = self.far(tip, bend);
         let (dz, dx, dy) = (e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy);
         let polygon = &mut self.polygon;
         polygon.region(&region);
@@ -567,16 +622,21 @@ impl<'a> Search<'a> {
         let ends_before = |tip: &Cell, other: &Cell| {
             let Some(t) = tip.tip else { return false };
             let e = &self.rays.locals[t.end as usize];
+            let mate = self.edges[e.index as usize].mate.map(|m| m.1);
+            let ends = tip.list.iter().map(|n| &self.rays.locals[*n as usize]).filter(|l| Some(l.index) == mate);
+            let ends: Vec<&Local> = ends.chain([e]).collect();
             other.list.iter().all(|n| {
-                let l = &self.rays.locals[*n as usize];
-                if l.event == Event::Wall || l.zmin > e.zmax {
-                    return true;
-                }
-                let Some(part) = clip_to_surface(border, l) else { return true };
-                let slack = 2.0 * (l.eps + e.eps) + 0.01 + ((l.sx - e.sx).abs() + (l.sy - e.sy).abs()) * 0.01;
-                part.iter().all(|q| {
-                    let d = (l.z0 - e.z0) + (l.sx - e.sx) * q[0] + (l.sy - e.sy) * q[1];
-                    d >= slack
+                ends.iter().all(|e| {
+                    let l = &self.rays.locals[*n as usize];
+                    if l.event == Event::Wall || l.zmin > e.zmax {
+                        return true;
+                    }
+                    let Some(part) = clip_to_surface(border, l) else { return true };
+                    let slack = 2.0 * (l.eps + e.eps) + 0.01 + ((l.sx - e.sx).abs() + (l.sy - e.sy).abs()) * 0.01;
+                    part.iter().all(|q| {
+                        let d = (l.z0 - e.z0) + (l.sx - e.sx) * q[0] + (l.sy - e.sy) * q[1];
+                        d >= slack
+                    })
                 })
             })
         };
@@ -663,7 +723,7 @@ impl<'a> Search<'a> {
 
     /// Silhouette edges through the square.
     pub fn lines(&mut self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
-        self.candidates(list, Region::square(p, size), most).into_iter().map(|c| c.line).collect()
+        self.candidates(list, Region::square(p, size), most, &[]).into_iter().map(|c| c.line).collect()
     }
 
     /// Whether the front at the point is level, so that constants do as well as planes.
