@@ -109,6 +109,9 @@ impl<'a> Region<'a> {
     }
 }
 
+/// Every part of a region.
+pub(crate) const WHOLE: [f64; 3] = [0.0, 0.0, 1.0];
+
 #[derive(Clone, Copy)]
 struct Reach {
     low: i64,
@@ -209,7 +212,7 @@ impl Prover {
                 if region.is_plain() { l.ceil_range(p[0], p[1], size) } else { sheared(rays, l, &region) };
             let mut all = l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
             if close && !all && l.event != Event::Wall {
-                all = !region.lines.is_empty() && self.polygon.covered(rays, l, &region, 3);
+                all = !region.lines.is_empty() && self.polygon.covered(rays, l, &region, 3, WHOLE);
                 self.polygon.region(&region);
                 self.polygon.clip(l);
                 let (sx, sy) = (l.sx - region.shear[0], l.sy - region.shear[1]);
@@ -458,7 +461,8 @@ impl Polygon {
 
     /// Whether the surface covers the region: each edge runs outside it, or along one of its lines.
     /// Edge `but` is left out; 3: none is.
-    pub(crate) fn covered(&mut self, rays: &Rays, l: &Local, region: &Region<'_>, but: u8) -> bool {
+    /// Only the part with `part . (x, y, 1) >= 0` counts.
+    pub(crate) fn covered(&mut self, rays: &Rays, l: &Local, region: &Region<'_>, but: u8, part: [f64; 3]) -> bool {
         let s = &rays.surfaces[l.index as usize];
         (0..3).filter(|k| *k != usize::from(but)).all(|k| {
             let e = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
@@ -476,9 +480,10 @@ impl Polygon {
                 return true;
             }
             self.region(region);
+            self.keep_linear(part[0], part[1], part[2]);
             let (a, b, c) = (e.a as f64, e.b as f64, e.c as f64);
             let far = (a.abs() + b.abs()) * MARGIN;
-            !self.points.is_empty() && self.points.iter().all(|p| a * p[0] + b * p[1] + c >= far)
+            self.points.iter().all(|p| a * p[0] + b * p[1] + c >= far)
         })
     }
 

@@ -450,66 +450,84 @@ impl<'a> Search<'a> {
         Some(fewest_bits(interval.guarded(self.guard)))
     }
 
-    /// Whether the surface covers the region, alone (0) or with the flattest neighbour: then the most that this one lies off its
-    /// plane there, in depth.
-    fn covers(&mut self, list: &[u32], region: &Region<'_>, i: u32) -> Option<(u32, f64)> {
+    /// Whether the surface covers the part of the region, alone or with the flattest neighbour: then that one, and the most that
+    /// it lies off this one's plane there, in depth.
+    fn covers(&mut self, list: &[u32], region: &Region<'_>, i: u32, part: [f64; 3]) -> Option<(u32, f64)> {
         let l = &self.rays.locals[i as usize];
-        if l.cover(region.p[0], region.p[1], region.size) == Cover::All
-            || self.polygon.covered(&self.rays, l, region, 3)
-        {
+        if self.polygon.covered(&self.rays, l, region, 3, part) {
             return Some((i, 0.0));
         }
         let (own, mate) = self.edges[l.index as usize].mate?;
         let other = list.iter().copied().find(|n| self.rays.locals[*n as usize].index == mate)?;
         let m = &self.rays.locals[other as usize];
         let shared = self.edges[m.index as usize].mate.filter(|b| b.1 == l.index)?.0;
-        if !self.polygon.covered(&self.rays, l, region, own) || !self.polygon.covered(&self.rays, m, region, shared) {
+        if !self.polygon.covered(&self.rays, l, region, own, part)
+            || !self.polygon.covered(&self.rays, m, region, shared, part)
+        {
             return None;
         }
         self.polygon.region(region);
+        self.polygon.keep_plane(part[0], part[1], part[2]);
         let (low, high) = self.polygon.range(m.z0 - l.z0, m.sx - l.sx, m.sy - l.sy);
         Some((other, low.abs().max(high.abs()) + m.eps + l.eps))
     }
 
-    /// Whether the stretch of every ray of the region begins at the front and ends at the end, or at their neighbours in
-    /// the same faces: then how far these lie off the planes of the two, in depth.
+    /// Whether, where front and end are close, the stretch of every ray begins at the one and ends at the other, or at their
+    /// neighbours in the same faces: then how far these lie off the planes of the two, in depth.
     fn is_tip(&mut self, list: &[u32], region: Region<'_>, tip: Tip) -> Option<f64> {
-        let (front, bend) = self.covers(list, &region, tip.front)?;
-        let (end, more) = self.covers(list, &region, tip.end)?;
-        let bend = bend + more;
         let e = &self.rays.locals[tip.end as usize];
-        let other_end = &self.rays.locals[end as usize];
         let f = &self.rays.locals[tip.front as usize];
+        let near = |far: f64| [f.sx - e.sx, f.sy - e.sy, far - (e.z0 - f.z0)];
+        // a first guess without what the faces' neighbours add
+        let part = near(2.0 * self.far(tip, 0.0));
+        let (front, bend) = self.covers(list, &region, tip.front, part)?;
+        let (end, more) = self.covers(list, &region, tip.end, part)?;
+        let bend = bend + more;
+        if 4.0 * bend > self.far(tip, 0.0) {
+            return None;
+        }
+        let other_end = &self.rays.locals[end as usize];
         self.polygon.region(&region);
+        self.polygon.keep_plane(part[0], part[1], part[2]);
         let between = self.polygon.range(e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy).0;
         // the margin of the region reaches beyond the line where both meet
         let slack = (e.sx - f.sx).abs() + (e.sy - f.sy).abs() + 2.0 * (e.eps + f.eps);
         if between < -slack - bend {
             return None;
         }
-        // where front and end are so close that the end itself counts, nothing else may begin before it; elsewhere it is
-        // enough that the front is first and its solid is not left before the end
-        let far = self.far(tip, bend);
-        let near = [f.sx - e.sx, f.sy - e.sy, far - (e.z0 - f.z0)];
-        let all = [0.0, 0.0, 1.0];
+        let part = near(self.far(tip, bend));
         let sound = list.iter().all(|i| {
             let t = &self.rays.locals[*i as usize];
-            if [tip.front, tip.end, front, end].contains(i)
+            [tip.front, tip.end, front, end].contains(i)
                 || t.event == Event::Wall
                 || t.zmin > e.zmax.max(other_end.zmax)
-            {
-                return true;
-            }
-            let mut behind = |f: &Local, part: [f64; 3]| self.polygon.strictly_behind(t, f, &region, part);
-            let ends = behind(e, all) && (end == tip.end || behind(other_end, all));
-            let union = self.rays.second_surface || t.solid == f.solid;
-            ends || (!union
-                && behind(e, near)
-                && (end == tip.end || behind(other_end, near))
-                && behind(f, all)
-                && (front == tip.front || behind(&self.rays.locals[front as usize], all)))
+                || (self.polygon.strictly_behind(t, e, &region, part)
+                    && (end == tip.end || self.polygon.strictly_behind(t, other_end, &region, part)))
         });
-        sound.then_some(bend)
+        if !sound {
+            return None;
+        }
+        // elsewhere as in any region
+        let (dx, dy) = (e.sx - f.sx, e.sy - f.sy);
+        let largest = dx.abs().max(dy.abs());
+        let by = 16777216.0 / largest;
+        if !by.is_finite() {
+            return None;
+        }
+        let (a, b) = ((dx * by).round(), (dy * by).round());
+        // rounded toward the near part, within the square
+        let reach = (region.p[0].abs() + region.p[1].abs() + 2 * region.size) as f64;
+        let c = ((e.z0 - f.z0 - self.far(tip, bend)) * by + reach + 2.0).ceil();
+        let far = HalfPlane { a: a as i64, b: b as i64, c: c as i64 };
+        let mut lines = region.lines.to_vec();
+        lines.push(far);
+        let region = Region { lines: &lines, ..region };
+        self.polygon.region(&region);
+        if self.polygon.extent(0).is_none() {
+            return Some(bend);
+        }
+        let rest: Vec<u32> = list.iter().copied().filter(|i| self.reaches(*i, far)).collect();
+        self.holds(Entry::Plane(tip.plane), &rest, region).then_some(bend)
     }
 
     /// The distance of front and end from which on everything is linear and far from rounding.
@@ -520,8 +538,8 @@ impl<'a> Search<'a> {
         1.5 * reach + 4.0 * f64::from(self.guard) + 10.0 + 4.0 * bend
     }
 
-    /// Whether the tip's plane is right for every texel inside the region, and for the centres of those that are not
-    /// inside, or have an empty interval.
+    /// Whether the tip's plane is right where front and end are close: for every texel inside the region, and for the
+    /// centres of those that are not inside, or have an empty interval.
     fn tip_fits(&mut self, region: Region<'_>, tip: Tip, bend: f64) -> bool {
         let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
         let half = self.scale.half();
@@ -531,20 +549,10 @@ impl<'a> Search<'a> {
         let g = tip.plane.gradient(self.scale);
         let z = whole as f64 + part;
         let eps = 4.0 * (f.eps + e.eps) + (g[0].abs() + g[1].abs()) * 1e-7 + 0.01 + bend;
-        if bend > 0.05 * (h + k) {
-            return false;
-        }
+
         let far = self.far(tip, bend);
         let (dz, dx, dy) = (e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy);
         let polygon = &mut self.polygon;
-        polygon.region(&region);
-        polygon.keep_plane(dx, dy, dz - far);
-        let low = polygon.range(z - f.z0, g[0] - f.sx, g[1] - f.sy).0;
-        let high = polygon.range(e.z0 - z, e.sx - g[0], e.sy - g[1]).0;
-        // nothing left: infinities, which fit
-        if low - h < guard + 2.0 + eps || high - k < guard + 1.0 + eps {
-            return false;
-        }
         polygon.region(&region);
         polygon.keep_plane(-dx, -dy, far - dz);
         let texel = 1i64 << self.scale.subtexel_bits;
