@@ -22,7 +22,7 @@ use umbrage_format::projection::UNCOVERED;
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, between, gradient};
 use crate::interval::proof::{HalfPlane, Polygon, Prover, Region};
 use crate::interval::ray::{RayScratch, Rays, Stretch};
-use crate::interval::triangle::{Cover, Local};
+use crate::interval::triangle::Local;
 use crate::interval::{Event, Interval, wide};
 
 /// Most cuts of a square.
