@@ -6,7 +6,8 @@
     python3 spec/reader.py dump FILE
 
 Read in this order: `Container` (container.md: opening), `Structure.block` and `check_record` (index), `Structure.page`
-(pages, the frame), `check_mh`, `links`, `Structure.lookup` (mh.md), `Container.verify` (order of checks).
+(pages, the frame), `check_mh`, `links`, `Structure.lookup` (mh.md), `vector.py` (vector.md), `Container.verify` (order of
+checks).
 Memory: the section table, the structure records, one index block, a few pages, and what parents say of pages to come.
 """
 
@@ -19,17 +20,20 @@ import struct
 import sys
 import zlib
 
+sys.dont_write_bytecode = True
+from rules import EMPTY, INNER, LEAF, NONE, UNCOVERED, Broken, need  # noqa: E402
+from vector import Vector  # noqa: E402
+
 MAGIC = b"\xd5UMB\r\n\x1a\n"
 FIRST_READ = 16384
-NO_STRUCTURE = UNCOVERED = 0xFFFFFFFF
+NO_STRUCTURE = 0xFFFFFFFF
 STRUCTURES, INDEX, PAGES = 1, 2, 3
 KINDS = {1: "mh", 2: "mmh", 3: "vector", 4: "mh-stack", 5: "mmh-stack", 6: "stack", 7: "quads"}
-MH, MASKED_KINDS = 1, (1, 2, 3)
+MH, VECTOR, MASKED_KINDS = 1, 3, (1, 2, 3)
 # guarantee of each policy, and the policies that have a parameter
 POLICIES, WITH_PARAMETER = {1: 1, 2: 1, 3: 1, 4: 2, 5: 1, 6: 3, 7: 4, 8: 3}, (3,)
 GUARANTEES = (1, 2, 3, 4)
 LIGHT_TOLERANCE, LEAST_DETERMINANT = 2.0**-20, 2.0**-40
-NONE, LEAF, INNER, EMPTY = range(4)
 NODE_WORDS = (0, 1, 2, 1)
 LIMITS = {"sections": 1 << 16, "structures": 1 << 14, "pages": 1 << 24, "page-bytes": 1 << 16, "allocation": 8 << 30}
 CHUNK = 1 << 16
@@ -54,21 +58,8 @@ PAGE = struct.Struct("<QQIIIIIIIHHHHHHHBBBBBB")
 assert (HEADER.size, SECTION.size, STRUCTURE.size, BLOCK.size, PAGE.size) == (128, 40, 512, 64, 64)
 
 
-class Broken(Exception):
-    """A rule that the file breaks."""
-
-    def __init__(self, rule, where, detail):
-        super().__init__(f"{rule}: {where}: {detail}")
-        self.rule, self.where, self.detail = rule, where, detail
-
-
 class Invalid(Exception):
     """A request that cannot be answered."""
-
-
-def need(good, rule, where, detail=""):
-    if not good:
-        raise Broken(rule, where, detail)
 
 
 def align(n, a):
@@ -485,27 +476,37 @@ class Structure:
         need(not flat or r.level_coarsest == 0, "page.level", at, r.level_coarsest)
         need(words[1] >> 24 == 0, "page.flags", at, words[1] >> 24)
         need(root_mask == 0 or (self.kind in MASKED_KINDS and not flat), "page.flags", at, root_mask)
-        if self.kind != MH:
+        if self.kind not in (MH, VECTOR):
             return None
-        counted = self.check_mh(words, r, ordinal, at)
+        self.check_place(words, r, ordinal, at)
+        if self.kind == MH:
+            page, counted = words, self.check_mh(words, r, at)
+        else:
+            page = Vector(words)
+            counted = page.check(r, at)
         if whole:
             self.node_counts[ordinal] = counted
-        keep(self.pages, ordinal, words, 64)
-        return words
+        keep(self.pages, ordinal, page, 64)
+        return page
 
-    def check_mh(self, words, r, ordinal, at):
-        """The rules of kind mh for one page; its leaf, inner and empty nodes."""
-        root_mask, child_refs, root_level = words[0] >> 8 & 255, words[0] >> 16, words[1] >> 16 & 255
+    def check_place(self, words, r, ordinal, at):
+        """Form, root group and footprint of a page, alike in the kinds that have a layout."""
+        root_mask, root_level, kind = words[0] >> 8 & 255, words[1] >> 16 & 255, KINDS[self.kind]
         is_root = ordinal < self.root_count
-        need(r.page_type == 0 and r.dep_count == 0, "mh.plain", at, r.page_type)
+        need(r.page_type == 0 and r.dep_count == 0, f"{kind}.plain", at, r.page_type)
         if is_root:
             good = root_mask in (LEAF, INNER) and root_level == self.log2_resolution
         else:
             good = root_mask != 0 and root_level < self.log2_resolution
-        need(good, "mh.root", at, f"mask {root_mask:#x}, level {root_level}")
+        need(good, f"{kind}.root", at, f"mask {root_mask:#x}, level {root_level}")
         side = root_level if is_root else root_level + 1
         good = (r.log2_x, r.log2_y, r.log2_l, r.origin_l) == (side, side, 0, 0)
-        need(good, "mh.footprint", at, f"2^{r.log2_x}, light {r.origin_l}")
+        need(good, f"{kind}.footprint", at, f"2^{r.log2_x}, light {r.origin_l}")
+
+    @staticmethod
+    def check_mh(words, r, at):
+        """The words of one page of kind mh; its leaf, inner and empty nodes."""
+        root_mask, child_refs, root_level = words[0] >> 8 & 255, words[0] >> 16, words[1] >> 16 & 255
         taken, referred = bytearray(len(words)), set()
         counted = [0, 0, 0, 0]
         finest, values = root_level, []
@@ -541,9 +542,13 @@ class Structure:
         need(not values or (r.min_depth <= min(values) and max(values) <= r.max_depth), "mh.values", at)
         return counted[1:]
 
-    def links(self, words, r, above):
-        """What this page says of each child page: its frame and footprint, its root, the depths of this page, and the
-        value that holds above it, None where that is not known. `above` is the value that holds above this page."""
+    def links(self, page, r, above):
+        """What this page says of each child page: its frame and footprint, its root, the depths of this page, and what
+        holds above it, None where that is not known: a value, or a page with an entry and its origin. `above` is what
+        holds above this page."""
+        if self.kind == VECTOR:
+            return page.links(r, above)
+        words = page
         said = [None] * (words[0] >> 16)
         groups = [(2, words[0] >> 8 & 255, words[1] >> 16 & 255, r.origin_x, r.origin_y, above)]
         while groups:
@@ -561,23 +566,30 @@ class Structure:
                 start += NODE_WORDS[kind]
         return said
 
-    @staticmethod
-    def check_link(announced, words, r, at):
+    def check_link(self, announced, page, r, at):
         """A page against what its parent says of it."""
         link, (lowest, highest), above = announced
+        words, kind = page if self.kind == MH else page.words, KINDS[self.kind]
         mask = words[0] >> 8 & 255
-        found = (mask, words[1] >> 16 & 255, r.origin_x, r.origin_y, r.root)
-        need(found == link, "mh.link", at, f"{found}, the parent says {link}")
+        found = (words[1] >> 16 & 255, r.origin_x, r.origin_y, r.root)
+        found = (mask, *found) if self.kind == MH else found
+        need(found == link, f"{kind}.link", at, f"{found}, the parent says {link}")
         within = f"{r.min_depth} to {r.max_depth}"
         good = lowest <= r.min_depth and r.max_depth <= highest
-        need(good, "mh.depths", at, f"{within}, the parent's are {lowest} to {highest}")
+        need(good, f"{kind}.depths", at, f"{within}, the parent's are {lowest} to {highest}")
         if above is not None and any(mask >> 2 * c & 3 in (NONE, EMPTY) for c in range(4)):
-            need(r.min_depth <= above <= r.max_depth, "mh.depths", at, f"{within}, it inherits {above}")
+            if self.kind == MH:
+                bounds = above, above
+            else:
+                owner, entry, x, y = above
+                bounds = owner.bounds(entry, r.origin_x - x, r.origin_y - y, r.log2_x)
+            good = r.min_depth <= bounds[0] and bounds[1] <= r.max_depth
+            need(good, f"{kind}.depths", at, f"{within}, it inherits {bounds}")
 
     def verify(self, report, summary):
         self.blocks.clear()
         said, end, whole = collections.deque(), None, True
-        nodes = [0, 0, 0] if self.kind == MH else None
+        nodes = [0, 0, 0] if self.kind in (MH, VECTOR) else None
         self.ends = {}
         for ordinal in range(self.page_count):
             at = f"page {ordinal} of structure {self.number}"
@@ -623,6 +635,8 @@ class Structure:
 
     def lookup(self, x, y, level, root=0):
         """(value, level of the node, page, word) at texel (x, y) of level 0."""
+        if self.kind == VECTOR:
+            return self.lookup_vector(x, y, level, root)
         ordinal, words = root, self.page(root)
         mask, group, l = words[0] >> 8 & 255, 2, self.log2_resolution
         answer = (UNCOVERED, l, root, 0)
@@ -642,6 +656,30 @@ class Structure:
                 words = self.page(ordinal)
                 mask, group = words[0] >> 8 & 255, 2
             l -= 1
+
+    def lookup_vector(self, x, y, level, root):
+        """As `lookup`; the word is the node's number, 4 * group + c."""
+        level = min(level, self.log2_resolution)
+        ordinal, page = root, self.page(root)
+        group, l, found = 0, self.log2_resolution, None
+        while True:
+            c = (x >> l & 1) + 2 * (y >> l & 1)
+            kind = page.kinds[group] >> 2 * c & 3
+            if kind == NONE:
+                break
+            if kind != EMPTY:
+                found = page, l, ordinal, 4 * group + c
+            if kind == LEAF or l <= level:
+                break
+            group = page.below[4 * group + c]
+            if page.kinds[group] == 0:
+                ordinal = self.record(ordinal).first_child + page.stubs.index(group)
+                page, group = self.page(ordinal), 0
+            l -= 1
+        page, *node = found
+        r = self.record(node[1])
+        px, py = (256 * (v % (1 << r.log2_x) >> level << level) + (128 << level) for v in (x, y))
+        return page.value(page.indexes[page.index_of[node[2]]], px, py), *node
 
 
 def stored_words(r):
@@ -680,7 +718,7 @@ def check(path, limits):
 
 def texels(container, name, root, lines, out):
     s = container.structure(name)
-    if s.kind != MH:
+    if s.kind not in (MH, VECTOR):
         raise Invalid(f"structure '{name}' is of kind {KINDS[s.kind]}, whose words are not defined")
     if not 0 <= root < s.root_count:
         raise Invalid(f"root {root}: there are {s.root_count}, counted from 0")

@@ -59,6 +59,12 @@ pub enum ReaderError {
         /// Its kind.
         kind: Kind,
     },
+    /// The caller asked to stop.
+    #[error("{file}: stopped")]
+    Stopped {
+        /// Name of the source.
+        file: Arc<str>,
+    },
 }
 
 impl ReaderError {

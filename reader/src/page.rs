@@ -12,7 +12,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use umbrage_format::checksum::{content_hash, page_crc};
+use umbrage_format::checksum::content_hash;
 use umbrage_format::kind::tree::{self, PageCounts};
 use umbrage_format::page::{FrameHead, PageContext, check_frame};
 use umbrage_format::{FormatError, PageRecord, Place, Rule, Value};
@@ -77,7 +77,7 @@ impl PageBytes {
                 Words::Owned(words.into())
             }
         };
-        let crc = page_crc(shared.header.id(), structure.number(), ordinal, words.get().as_bytes());
+        let crc = structure.page_crc().of(ordinal, words.get().as_bytes());
         FormatError::crc(Rule::PageCrc, place, offset, crc, record.crc32.get()).map_err(|e| structure.fault(e))?;
         Ok(Self { structure: structure.clone(), ordinal, record, words })
     }

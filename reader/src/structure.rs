@@ -13,6 +13,7 @@
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use umbrage_format::checksum::PageCrc;
 use umbrage_format::index::{IndexBlock, IndexContext, check_follows};
 use umbrage_format::projection::Lattice;
 use umbrage_format::{
@@ -36,6 +37,8 @@ pub(crate) struct StructureState {
     pub(crate) index_offset: u64,
     pub(crate) pages_offset: u64,
     pub(crate) pages_end: u64,
+    /// Begun when the first page is read.
+    page_crc: OnceLock<PageCrc>,
     /// Made when the first block is kept: its length comes from the file.
     blocks: OnceLock<Box<[OnceLock<Block>]>>,
     /// Held while a block is checked against its neighbours and stored.
@@ -58,6 +61,7 @@ impl StructureState {
             index_offset: index.offset.get(),
             pages_offset: pages.offset.get(),
             pages_end: pages.end(),
+            page_crc: OnceLock::new(),
             blocks: OnceLock::new(),
             storing: Mutex::new(()),
         }
@@ -256,6 +260,11 @@ impl Structure {
     /// As [`page_bytes`](Self::page_bytes), a rule of frame or kind, or a kind that this version can't query.
     pub fn page(&self, ordinal: u32) -> Result<CheckedPage, ReaderError> {
         self.page_bytes(ordinal)?.check_frame()?.check_kind()
+    }
+
+    /// CRCs of its pages.
+    pub(crate) fn page_crc(&self) -> PageCrc {
+        *self.state.page_crc.get_or_init(|| PageCrc::new(self.shared.header.id(), self.number()))
     }
 
     pub(crate) fn shared(&self) -> &Shared {

@@ -38,7 +38,17 @@ pub struct VerifySummary {
 
 impl Container {
     /// Checks every byte of the file; each fault is handed to `report` and the check goes on where it can.
-    pub fn verify(&self, mut report: impl FnMut(ReaderError)) -> VerifySummary {
+    pub fn verify(&self, report: impl FnMut(ReaderError)) -> VerifySummary {
+        self.verify_while(report, |_| true)
+    }
+
+    /// [`verify`](Self::verify), told before each page how many pages it has come to and ended where it says `false`: then
+    /// what is behind has not been checked.
+    pub fn verify_while(
+        &self,
+        mut report: impl FnMut(ReaderError),
+        mut go_on: impl FnMut(u64) -> bool,
+    ) -> VerifySummary {
         let mut summary = VerifySummary::default();
         let mut faults = 0;
         let mut keep = |result: Result<(), ReaderError>| {
@@ -58,14 +68,22 @@ impl Container {
             end = s.end();
         }
         for structure in self.structures() {
-            verify_structure(&structure, &mut summary, &mut keep);
+            if !verify_structure(&structure, &mut summary, &mut keep, &mut go_on) {
+                break;
+            }
         }
         summary.faults = faults;
         summary
     }
 }
 
-fn verify_structure(s: &Structure, summary: &mut VerifySummary, keep: &mut impl FnMut(Result<(), ReaderError>)) {
+/// Says whether to go on.
+fn verify_structure(
+    s: &Structure,
+    summary: &mut VerifySummary,
+    keep: &mut impl FnMut(Result<(), ReaderError>),
+    go_on: &mut impl FnMut(u64) -> bool,
+) -> bool {
     // None once a block is lost: then nobody knows which pages are whose children.
     let mut follow = Some(Follow::default());
     let mut end = None;
@@ -74,6 +92,9 @@ fn verify_structure(s: &Structure, summary: &mut VerifySummary, keep: &mut impl 
     // None once a page is lost.
     let mut nodes = s.kind().has_layout().then_some([0u64; 3]);
     for ordinal in 0..s.page_count() {
+        if !go_on(summary.pages) {
+            return false;
+        }
         // A block that fails is reported once, not for each of its records.
         if ordinal % per_block == 0 {
             let touched = s.touch_block(ordinal);
@@ -115,6 +136,7 @@ fn verify_structure(s: &Structure, summary: &mut VerifySummary, keep: &mut impl 
     if let Some(nodes) = nodes {
         keep(node_counts(s, nodes));
     }
+    true
 }
 
 /// Holds the structure's counts of leaf, inner and empty nodes against those of its pages.

@@ -36,6 +36,7 @@ pub struct LayersTally {
 }
 
 /// Holds the stored values of a square against the layers; in wide intervals they must keep `guard` from the ends.
+/// `each` is told the interval of every texel.
 ///
 /// # Errors
 /// The source's, or depths that can't be.
@@ -45,6 +46,7 @@ pub fn check(
     guard: u32,
     stored: &dyn Fn(u32, u32) -> u32,
     tally: &mut LayersTally,
+    mut each: impl FnMut([u32; 2], Interval),
 ) -> Result<(), LayersError> {
     let mut buffer = TileBuffer::default();
     layers.each(square, &mut buffer, |index, first, second| {
@@ -55,6 +57,7 @@ pub fn check(
         let stored = stored(texel[0], texel[1]);
         tally.texels += 1;
         tally.thin += u64::from(thin);
+        each(texel, allowed);
         if !allowed.guards(stored, guard) {
             tally.wrong += 1;
             if tally.examples.len() < 8 {

@@ -33,7 +33,7 @@
 //! # Reading map
 //! `facet` is one triangle; `ray` follows one ray; `plot` cuts a texel into convex pieces and `area` finds the
 //! area interval with it; `grid` finds triangles; `sweep` passes over many texels, and settles most of them without
-//! an exact look; `sample` says where to look when it can't be everywhere. `layers` is about maps that come from depth
+//! an exact look; `sample` says where to look when it can't be everywhere. `stop` is about the answers without a page. `layers` is about maps that come from depth
 //! layers instead: centres only.
 
 mod area;
@@ -46,6 +46,7 @@ pub mod layers;
 mod plot;
 mod ray;
 pub mod sample;
+pub mod stop;
 mod sweep;
 #[cfg(test)]
 mod testing;

@@ -9,7 +9,9 @@ use umbrage::writer::container::Target;
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
-use super::{Failure, TARGET, USAGE, Watched, layers, listen, load_scene, parse_numbers};
+use super::{
+    Failure, TARGET, USAGE, Watched, layers, listen, load_scene_within, parse_numbers, parse_resolution, whole,
+};
 
 /// Arguments of `bake`.
 #[derive(clap::Args)]
@@ -24,7 +26,7 @@ pub struct Args {
     #[arg(long, required = true, value_name = "NAME=dir:X,Y,Z", value_parser = parse_light, allow_hyphen_values = true)]
     light: Vec<LightArg>,
     /// Texels on a side, a power of two up to 16777216; 16384 without it. Depth layers bring their own
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_parser = parse_resolution)]
     resolution: Option<u64>,
     /// How texels are encoded
     #[arg(long, default_value = "mh", value_parser = ["mh", "vector"])]
@@ -36,7 +38,7 @@ pub struct Args {
     #[arg(long, default_value = "proofs", value_parser = ["proofs", "exhaustive"])]
     builder: String,
     /// Most memory to hold, MiB
-    #[arg(long, value_name = "MIB", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MIB", allow_negative_numbers = true, value_parser = whole::<u64>(0, 1 << 40))]
     memory: Option<u64>,
     /// Threads, at most 1024; as many as there are cores without it
     #[arg(long, allow_negative_numbers = true, value_parser = parse_threads)]
@@ -123,7 +125,9 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let start = Instant::now();
     // Made and removed: a target that can't be written is found before the work, not after it.
     drop(Target::create(&args.output).map_err(BakeError::from)?);
-    let mesh = load_scene(&args.scene)?;
+    let pool = pool(args.threads)?;
+    let memory_bytes = args.memory.map(|m| m.saturating_mul(1 << 20));
+    let mesh = pool.install(|| load_scene_within(&args.scene, memory_bytes))?;
     let load = start.elapsed().as_secs_f64();
     let options = BakeOptions {
         lights,
@@ -131,11 +135,11 @@ pub fn run(args: Args) -> Result<(), Failure> {
         policy: args.policy,
         kind: if args.kind == "vector" { umbrage::format::Kind::Vector } else { umbrage::format::Kind::Mh },
         exhaustive: args.builder == "exhaustive",
-        memory_bytes: args.memory.map(|m| m.saturating_mul(1 << 20)),
+        memory_bytes,
     };
     let texels = options.resolution.saturating_mul(options.resolution).saturating_mul(options.lights.len() as u64);
     let watched = Watched::start(texels);
-    let baked = pool(args.threads)?.install(|| bake(&mesh, &options, &args.output, &watched.progress))?;
+    let baked = pool.install(|| bake(&mesh, &options, &args.output, &watched.progress))?;
     drop(watched);
     let total = start.elapsed().as_secs_f64();
     if args.json {
@@ -170,7 +174,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
         baked.seconds.snap,
         baked.seconds.build,
         baked.seconds.write,
-        output::bytes(output::peak_memory())
+        output::mib(output::peak_memory())
     ))?;
     line(&args.output.display().to_string())
 }

@@ -12,7 +12,9 @@ use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
 use super::shadows::{Backend, Shadows, default_budget};
-use super::{Failure, INPUT, TARGET, Watched, go_on, listen, load_scene, open, picture, structure};
+use super::{
+    Failure, INPUT, TARGET, Watched, go_on, listen, load_scene, open, parse_resolution, picture, structure, whole,
+};
 
 /// Arguments of `demo`.
 #[derive(clap::Args)]
@@ -21,13 +23,13 @@ pub struct Args {
     #[arg(long, default_value = "demo-out")]
     out: PathBuf,
     /// Texels on a side of the shadow map
-    #[arg(long, default_value_t = 16384, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 16384, allow_negative_numbers = true, value_parser = parse_resolution)]
     resolution: u64,
     /// What answers the shadows
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
     backend: Backend,
     /// Most memory for the streamer, MiB; half of the file without it
-    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    #[arg(long, value_name = "MIB", allow_negative_numbers = true, value_parser = whole::<u64>(1, 1 << 20))]
     budget: Option<u64>,
     /// One JSON object on stdout
     #[arg(long)]

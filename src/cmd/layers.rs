@@ -1,17 +1,20 @@
 //! Depth layers on the command line: `umbrage bake LAYERS.exr` and `umbrage verify --source LAYERS.exr`.
 
 use std::path::{Path, PathBuf};
+use std::sync::Once;
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use serde_json::json;
 use umbrage::certify::Region;
 use umbrage::certify::layers::{LayersTally, check};
 use umbrage::certify::sample::{Borders, regions};
+use umbrage::certify::stop::{StopTally, Stops};
 use umbrage::reader::Structure;
 use umbrage::reader::query::Map;
 use umbrage::writer::bake::BakeError;
 use umbrage::writer::container::Target;
-use umbrage::writer::layers::openexr::{ExrLayers, ExrOptions, Placement};
+use umbrage::writer::layers::openexr::{ExrLayers, ExrOptions, Placement, is_decoding};
 use umbrage::writer::layers::{BakedLayers, DepthSource, LatticeLayers, LayersOptions, Second, Square, bake_layers};
 use umbrage::writer::solid::Policy;
 
@@ -146,13 +149,19 @@ fn placement(light: &LightArg, args: &PlacementArgs) -> Result<Placement, Failur
     }
 }
 
-/// Reads the files. A decoder that breaks off over damaged pixels is an error of one line, without its own.
+/// Reads the files. A decoder that breaks off over damaged pixels is an error of one line, without its own; any other
+/// panic, of this thread or another, is told as ever.
 fn read(name: &str, options: &ExrOptions) -> Result<ExrLayers, Failure> {
-    let hook = std::panic::take_hook();
-    std::panic::set_hook(Box::new(|_| {}));
-    let layers = ExrLayers::read(name, options, &go_on);
-    std::panic::set_hook(hook);
-    Ok(layers?)
+    static QUIET: Once = Once::new();
+    QUIET.call_once(|| {
+        let hook = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !is_decoding() {
+                hook(panic);
+            }
+        }));
+    });
+    Ok(ExrLayers::read(name, options, &go_on)?)
 }
 
 /// Bakes depth layers.
@@ -209,7 +218,7 @@ fn report(bake: &Bake, layers: &ExrLayers, b: &BakedLayers, side: u64, load: f64
         s.snap,
         s.build,
         s.write,
-        output::bytes(output::peak_memory())
+        output::mib(output::peak_memory())
     ))?;
     line(&bake.output.display().to_string())
 }
@@ -220,7 +229,7 @@ pub fn verify(
     args: &LayerArgs,
     structure: Structure,
     sample: Option<u64>,
-) -> Result<(LayersTally, u64), Failure> {
+) -> Result<(LayersTally, StopTally, u64), Failure> {
     let name = structure.name().to_string();
     let meaning = Second::of(structure.record()).ok_or_else(|| {
         Failure::new(INPUT, format!("light '{name}' was baked from a scene; give that scene with --source"))
@@ -263,13 +272,24 @@ pub fn verify(
             (regions.into_iter().map(square).collect(), near)
         }
     };
-    let resident = map.preload()?;
-    let mut tally = LayersTally::default();
+    let resident = map.preload_while(&go_on)?;
+    let stops = Stops::new(map.structure(), &resident)?;
+    let (mut tally, mut stopped) = (LayersTally::default(), StopTally::default());
+    let watched = Watched::start(squares.iter().map(|s| 1u64 << (2 * s.log2_side)).sum());
     for square in squares {
         if !go_on() {
             return Err(Failure::interrupted());
         }
-        check(&layers, square, guard, &|x, y| resident.value(x, y, 0), &mut tally)?;
+        let length = 1 << square.log2_side;
+        let pages = stops.over(Region { x: square.origin[0], y: square.origin[1], width: length, height: length });
+        let stop = |texel, allowed| {
+            for page in pages.iter().filter(|p| p.holds(texel)) {
+                stopped.pairs += 1;
+                stopped.hold(page, texel, stops.answer(page, texel), allowed);
+            }
+        };
+        check(&layers, square, guard, &|x, y| resident.value(x, y, 0), &mut tally, stop)?;
+        watched.progress.texels.fetch_add(1 << (2 * square.log2_side), Ordering::Relaxed);
     }
-    Ok((tally, near))
+    Ok((tally, stopped, near))
 }

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use umbrage::format::FileId;
 use umbrage::format::checksum::content_hash;
 use umbrage::reader::{Container, Structure};
-use umbrage::writer::container::{ContainerOptions, ContainerWriter, PageInput, WriteError};
+use umbrage::writer::container::{ContainerOptions, ContainerWriter, PageInput};
 
 use super::output::{self, line};
-use super::{Failure, TARGET, USAGE, go_on, listen, open};
+use super::{Failure, go_on, listen, open};
 
 /// Arguments of `merge`.
 #[derive(clap::Args)]
@@ -28,7 +28,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let structures: Vec<Structure> = containers.iter().flat_map(Container::structures).collect();
     let options = ContainerOptions::new(merged_id(&containers));
     let records = structures.iter().map(|s| *s.record()).collect();
-    let mut writer = ContainerWriter::create(&args.output, options, records).map_err(refused)?;
+    let mut writer = ContainerWriter::create(&args.output, options, records)?;
     for s in &structures {
         for ordinal in 0..s.page_count() {
             if !go_on() {
@@ -36,10 +36,10 @@ pub fn run(args: Args) -> Result<(), Failure> {
             }
             let words = s.page_bytes(ordinal)?.check_frame()?.words().to_vec();
             let page = PageInput { words, record: s.page_record(ordinal)?, dependencies: s.dependencies(ordinal)? };
-            writer.push(&page).map_err(refused)?;
+            writer.push(&page)?;
         }
     }
-    let written = writer.finish().map_err(refused)?;
+    let written = writer.finish()?;
     line(&format!("{} lights, {} pages, {}", structures.len(), written.pages, output::bytes(written.bytes)))?;
     line(&args.output.display().to_string())
 }
@@ -51,8 +51,4 @@ fn merged_id(containers: &[Container]) -> FileId {
     let low = content_hash(&ids);
     ids.push(1);
     (u128::from(low) | u128::from(content_hash(&ids)) << 64).to_le_bytes()
-}
-
-fn refused(e: WriteError) -> Failure {
-    Failure::new(if matches!(e, WriteError::NameTwice { .. }) { USAGE } else { TARGET }, e)
 }

@@ -25,6 +25,7 @@ use umbrage::writer::hierarchy::build::Progress;
 use umbrage::writer::layers::LayersError;
 use umbrage::writer::mesh::Mesh;
 use umbrage::writer::scene;
+use umbrage::writer::scene::load::{Bounds, Fault, LoadError};
 
 /// Exit code: the arguments are wrong.
 pub const USAGE: u8 = 2;
@@ -94,14 +95,37 @@ impl Failure {
 
 impl From<BakeError> for Failure {
     fn from(e: BakeError) -> Self {
+        if let BakeError::Write(e) = e {
+            return e.into();
+        }
         let code = match &e {
             BakeError::Frame(umbrage::writer::frame::FrameError::Bounds(..)) | BakeError::Solid(_) => INPUT,
             BakeError::Frame(_) | BakeError::Name { .. } => USAGE,
-            BakeError::Write(WriteError::NameTwice { .. }) => USAGE,
             BakeError::Write(_) | BakeError::Memory { .. } => TARGET,
             BakeError::Cancelled => INTERRUPTED,
         };
         Failure::new(code, e)
+    }
+}
+
+impl From<WriteError> for Failure {
+    fn from(e: WriteError) -> Self {
+        match e {
+            WriteError::NameTwice { name } => {
+                Failure::new(USAGE, format!("two lights are named '{name}'; give each a name of its own"))
+            }
+            e => Failure::new(TARGET, e),
+        }
+    }
+}
+
+impl From<LoadError> for Failure {
+    fn from(e: LoadError) -> Self {
+        match e.fault {
+            Fault::Stopped => Failure::interrupted(),
+            Fault::Memory { .. } => Failure::new(TARGET, e),
+            _ => Failure::new(INPUT, e),
+        }
     }
 }
 
@@ -118,8 +142,13 @@ impl From<LayersError> for Failure {
 impl From<ReaderError> for Failure {
     fn from(e: ReaderError) -> Self {
         let code = match &e {
+            ReaderError::UnknownStructure { file, name, names } => {
+                let message = format!("{file}: no light is named '{name}'; it has {}", names.join(", "));
+                return Failure::new(USAGE, message);
+            }
             ReaderError::Io { .. } => INPUT,
-            ReaderError::UnknownStructure { .. } | ReaderError::OutOfRange { .. } => USAGE,
+            ReaderError::Stopped { .. } => return Failure::interrupted(),
+            ReaderError::OutOfRange { .. } => USAGE,
             _ => REFUSED,
         };
         Failure::new(code, e)
@@ -135,10 +164,16 @@ impl From<umbrage::render::ImageError> for Failure {
 /// A scene: `city:SEED[:SIZE]`, `forest:...`, `scan:...`, or a mesh file. What a file has that is ignored or
 /// changed is said on stderr.
 pub fn load_scene(spec: &str) -> Result<Mesh, Failure> {
+    load_scene_within(spec, None)
+}
+
+/// As [`load_scene`], within a memory budget in bytes.
+pub fn load_scene_within(spec: &str, memory_bytes: Option<u64>) -> Result<Mesh, Failure> {
     if let Some(mesh) = scene::generated(spec) {
         return mesh.map_err(|e| Failure::new(INPUT, e));
     }
-    let loaded = scene::load::load(Path::new(spec)).map_err(|e| Failure::new(INPUT, e))?;
+    let bounds = Bounds { memory_bytes, keep_on: &go_on };
+    let loaded = scene::load::load_within(Path::new(spec), &bounds)?;
     for note in &loaded.notes {
         eprintln!("{spec}: {note}");
     }
@@ -174,6 +209,19 @@ pub fn parse_numbers<const N: usize>(s: &str) -> Result<[f64; N], String> {
         (true, Ok(n)) => Ok(n),
         _ => Err(format!("expected {N} numbers separated by commas, found '{s}'")),
     }
+}
+
+/// A parser of whole numbers in a range.
+pub fn whole<T: TryFrom<u64>>(least: u64, most: u64) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync {
+    move |s| {
+        let number = s.parse().ok().filter(|n| (least..=most).contains(n)).and_then(|n| T::try_from(n).ok());
+        number.ok_or_else(|| format!("expected a whole number from {least} to {most}, found '{s}'"))
+    }
+}
+
+/// Texels on a side. Which numbers can be is said where the map is made.
+pub fn parse_resolution(s: &str) -> Result<u64, String> {
+    s.parse().map_err(|_| format!("expected a power of two from 1 to 16777216, found '{s}'"))
 }
 
 /// Set once a signal has come.

@@ -33,7 +33,12 @@ pub fn peak_memory() -> u64 {
     kib.and_then(|k| k.trim().parse::<u64>().ok()).map_or(0, |k| k * 1024)
 }
 
-/// 12345678 -> 12.3 MB
+/// Memory, in the unit of `--memory` and `--budget`: 12345678 -> 11.8 MiB
+pub fn mib(n: u64) -> String {
+    format!("{:.1} MiB", n as f64 / f64::from(1 << 20))
+}
+
+/// What lies in files: 12345678 -> 12.3 MB
 pub fn bytes(n: u64) -> String {
     let mut v = n as f64;
     for unit in ["B", "kB", "MB", "GB", "TB"] {

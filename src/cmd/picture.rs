@@ -19,19 +19,19 @@ pub fn snapped(mesh: &Mesh, structure: &Structure) -> Result<SnappedMesh, Failur
         return Err(Failure::new(
             INPUT,
             format!(
-                "structure '{}' was baked from depth layers, which no scene can be held against; `umbrage verify` takes the .exr file",
+                "light '{}' was baked from depth layers, which no scene can be held against; `umbrage verify` takes the .exr file",
                 structure.name()
             ),
         ));
     }
     let policy = policy_of(structure.record())
-        .ok_or_else(|| Failure::new(REFUSED, format!("structure '{}': unknown policy", structure.name())))?;
+        .ok_or_else(|| Failure::new(REFUSED, format!("light '{}': unknown policy", structure.name())))?;
     let triangles = structure.record().triangles.get();
     if triangles != mesh.triangles.len() as u64 {
         return Err(Failure::new(
             INPUT,
             format!(
-                "structure '{}' was baked from {triangles} triangles, the scene has {}; give the scene it was baked from",
+                "light '{}' was baked from {triangles} triangles, the scene has {}; give the scene it was baked from",
                 structure.name(),
                 mesh.triangles.len()
             ),

@@ -8,7 +8,7 @@ use umbrage::render::{Camera, Scene, Shading, UpAxis, coverage, shade, write_png
 
 use super::output::{self, line};
 use super::shadows::{Backend, Shadows, default_budget};
-use super::{Failure, USAGE, go_on, listen, load_scene, open, parse_numbers, picture, structure};
+use super::{Failure, USAGE, go_on, listen, load_scene, open, parse_numbers, picture, structure, whole};
 
 /// Arguments of `render`.
 #[derive(clap::Args)]
@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, default_value = "y", value_parser = ["y", "z"])]
     up: String,
     /// Vertical field of view, degrees
-    #[arg(long, default_value_t = 45.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 45.0, allow_negative_numbers = true, value_parser = parse_fov)]
     fov: f64,
     /// Pixels
     #[arg(long, default_value = "1280x720", value_name = "WxH", value_parser = parse_size, allow_hyphen_values = true)]
@@ -39,11 +39,15 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
     backend: Backend,
     /// Most memory for the streamer, MiB; half of the file without it
-    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    #[arg(long, value_name = "MIB", allow_negative_numbers = true, value_parser = whole::<u64>(1, 1 << 20))]
     budget: Option<u64>,
     /// One JSON object on stdout
     #[arg(long)]
     json: bool,
+}
+
+fn parse_fov(s: &str) -> Result<f64, String> {
+    s.parse().map_err(|_| format!("expected degrees above 0 and below 180, found '{s}'"))
 }
 
 fn parse_size(s: &str) -> Result<[u32; 2], String> {

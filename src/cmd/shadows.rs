@@ -88,8 +88,8 @@ impl Shadows {
             let exact = if s.exact { "all exact" } else { "some by coarser levels" };
             lines.push(format!(
                 "  streamed          {} to the device under a budget of {}, {} frames, {exact}",
-                output::bytes(s.uploaded_bytes),
-                output::bytes(s.budget_bytes),
+                output::mib(s.uploaded_bytes),
+                output::mib(s.budget_bytes),
                 s.frames
             ));
         }

@@ -90,7 +90,7 @@ pub fn text(out: &Output) -> (String, String) {
 
 /// The error of a run: one line, nothing on stdout, no trace of a panic. What the argument parser says of wrong
 /// arguments is one line too, with the usage below it.
-fn error(out: &Output, code: i32, args: &[&str]) -> String {
+pub fn error(out: &Output, code: i32, args: &[&str]) -> String {
     let (stdout, stderr) = text(out);
     assert_eq!((out.status.code(), stdout.as_str()), (Some(code), ""), "{args:?}: {stderr}");
     assert!(!stderr.contains("panicked") && !stderr.contains("RUST_BACKTRACE"), "{args:?}: {stderr}");
@@ -295,6 +295,26 @@ fn arguments_out_of_range_are_a_wrong_use() {
         let line = place.refused(2, &[args, &[option, "-7"]].concat());
         assert!(line.contains("-7") && !line.contains("unexpected"), "{line}");
     }
+    // What is no number at all: what was expected, and what was found.
+    for (args, option, expected) in [
+        (&bake[..], "--resolution", "expected a power of two from 1 to 16777216"),
+        (&bake, "--memory", "expected a whole number from 0 to "),
+        (&bake, "--threads", "expected 1 to 1024"),
+        (&["dump", "scan.umb"], "--page", "expected a whole number from 0 to 4294967295"),
+        (&["dump", "scan.umb", "--image", "new.png"], "--level", "expected a whole number from 0 to 24"),
+        (&["demo", "--out", "new"], "--budget", "expected a whole number from 1 to 1048576"),
+        (&render, "--budget", "expected a whole number from 1 to 1048576"),
+        (&render, "--fov", "expected degrees above 0 and below 180"),
+    ] {
+        let line = place.refused(2, &[args, &[option, "1o"]].concat());
+        assert!(line.contains(expected) && line.contains("found '1o'"), "{line}");
+    }
+    // Users know lights.
+    place.write("points.csv", "x,y,z\n0,0,0\n");
+    let line = place.refused(2, &["query", "scan.umb", "--light", "moon", "--world", "points.csv"]);
+    assert!(line.ends_with("no light is named 'moon'; it has sun"), "{line}");
+    let line = place.refused(2, &["merge", "scan.umb", "scan.umb", "-o", "new.umb"]);
+    assert!(line.contains("two lights are named 'sun'"), "{line}");
     place.refused(2, &[&bake[..], &["--light", "-7"]].concat());
     for camera in ["1,2,3", "1,2,3,1,2,3", "1,2,3,4,5,NaN", "-1,-2,-3,-4,-5", ""] {
         place.refused(2, &["render", SCAN, "scan.umb", "--camera", camera, "-o", "new.png"]);
@@ -418,7 +438,7 @@ fn the_number_of_threads_changes_no_byte() {
 
 /// Waits until the program handles the signal itself.
 #[cfg(target_os = "linux")]
-fn wait_for_handler(child: &mut Child) {
+pub fn wait_for_handler(child: &mut Child) {
     let start = Instant::now();
     let caught = |status: String| {
         let mask = status.lines().find_map(|l| l.strip_prefix("SigCgt:").map(|m| m.trim().to_string()))?;
@@ -451,6 +471,26 @@ fn an_interrupted_bake_leaves_the_old_target_and_nothing_else() {
     }
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn an_interrupted_verify_ends_with_130() {
+    let place = Place::new("interrupted-verify");
+    place.fine(&["bake", CITY, "--light", SUN, "--resolution", "4096", "--policy", "closed", "-o", "city.umb"]);
+    for after in [0, 300] {
+        let args = ["verify", "city.umb", "--source", CITY, "--json"];
+        let mut child = place.command(&args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        wait_for_handler(&mut child);
+        std::thread::sleep(Duration::from_millis(after));
+        let start = Instant::now();
+        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+        let out = child.wait_with_output().unwrap();
+        assert_eq!(out.status.code(), Some(130), "{}", text(&out).1);
+        let found: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert_eq!((&found["ok"], &found["error"]["exit_code"]), (&false.into(), &130.into()), "{found}");
+        assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+    }
+}
+
 #[test]
 fn the_demo_writes_its_files_and_has_no_wrong_pixel() {
     let place = Place::new("demo");
@@ -480,4 +520,32 @@ fn merge_keeps_every_light_and_refuses_equal_names() {
     let proof = place.fine(&["verify", "c.umb", "--source", SCAN]);
     assert!(proof.contains("morning") && proof.contains("noon"), "{proof}");
     assert!(place.refused(2, &["merge", "a.umb", "a.umb", "-o", "d.umb"]).contains("morning"));
+}
+
+/// A file of kind `vector` through the commands that read containers.
+#[test]
+fn vector_files_are_dumped_drawn_queried_and_verified() {
+    let place = Place::new("vector");
+    place.write("v.umb", &crate::golden::named("vector").bytes);
+    let summary: serde_json::Value = serde_json::from_str(&place.fine(&["dump", "v.umb", "--json"])).unwrap();
+    let light = &summary["lights"][0];
+    assert_eq!(light["kind"], "vector");
+    // Every byte of the pages has a purpose.
+    let parts = light["bytes"].as_object().unwrap();
+    let sum: u64 = parts.iter().filter(|(name, _)| *name != "total").map(|(_, n)| n.as_u64().unwrap()).sum();
+    assert_eq!(parts["total"], sum);
+    assert!(light["palette"]["splits"].as_u64() > Some(0) && light["palette"]["raws"].as_u64() > Some(0));
+    let text = place.fine(&["dump", "v.umb"]);
+    assert!(text.contains("palette") && text.contains("topology"), "{text}");
+    let page = place.fine(&["dump", "v.umb", "--page", "1"]);
+    assert!(page.contains("2 masks") && page.contains("heap"), "{page}");
+    for what in ["depth", "nodes", "pages"] {
+        place.fine(&["dump", "v.umb", "--image", "v.png", "--draw", what, "--level", "0"]);
+    }
+    place.write("points.csv", "x,y,level\n3,4,0\n12,2,0\n1,0,3\n");
+    let answers = place.fine(&["query", "v.umb", "--texels", "points.csv"]);
+    let tree = &crate::golden::named("vector").trees[0][0];
+    let rows: Vec<u32> = answers.lines().skip(1).map(|l| l.split(',').nth(3).unwrap().parse().unwrap()).collect();
+    assert_eq!(rows, [tree.lookup(4, 3, 4, 0), tree.lookup(4, 12, 2, 0), tree.lookup(4, 8, 0, 3)]);
+    place.fine(&["verify", "v.umb"]);
 }

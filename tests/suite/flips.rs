@@ -5,7 +5,6 @@
 //! file may be accepted: then it can be walked, lazily and preloaded alike, within the depths that its index states.
 
 use rayon::prelude::*;
-use umbrage::format::Kind;
 use umbrage::reader::query::Map;
 use umbrage::reader::{Container, Limits};
 
@@ -51,7 +50,7 @@ fn answers(file: &Container) -> Vec<Option<u32>> {
         }
         let (kind, roots, log2) = (s.kind(), s.record().root_count.get().min(4), s.record().log2_resolution);
         let Ok(map) = Map::new(s) else {
-            assert_ne!(kind, Kind::Mh);
+            assert!(!kind.has_layout());
             continue;
         };
         let resident = map.preload().ok();
@@ -71,7 +70,7 @@ fn answers(file: &Container) -> Vec<Option<u32>> {
 
 /// Every answer that needs a page lies in the depths of its record. For files without a fault.
 fn within_depths(file: &Container) {
-    for s in file.structures().filter(|s| s.kind() == Kind::Mh) {
+    for s in file.structures().filter(|s| s.kind().has_layout()) {
         let pages: Vec<_> = (0..s.page_count()).map(|i| s.page_record(i).unwrap()).collect();
         let map = Map::new(s).unwrap();
         for (i, r) in pages.iter().enumerate() {

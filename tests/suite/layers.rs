@@ -250,7 +250,7 @@ fn the_certificate_catches_a_wrong_value() {
         let square = Square { origin: [0, 0], log2_side: 6 };
         let wrong = |stored: &dyn Fn(u32, u32) -> u32| {
             let mut tally = LayersTally::default();
-            check(&layers, square, 0, stored, &mut tally).unwrap();
+            check(&layers, square, 0, stored, &mut tally, |_, _| {}).unwrap();
             tally.wrong
         };
         assert_eq!(wrong(&|x, y| map.value(x, y, 0)), 0, "{second:?}");

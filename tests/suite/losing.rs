@@ -144,6 +144,31 @@ fn two_bakes_to_one_target_leave_one_of_them_whole() {
     }
 }
 
+/// A link to nothing yet stays a link, and what it names is made; a ring of links is refused.
+#[test]
+#[cfg(unix)]
+fn a_link_to_nothing_is_followed() {
+    use std::os::unix::fs::symlink;
+    let place = Place::new("dangling");
+    fs::create_dir(place.file("maps")).unwrap();
+    symlink("maps/sun.umb", place.file("one.umb")).unwrap();
+    symlink("one.umb", place.file("two.umb")).unwrap();
+    let bake = ["bake", SCAN, "--light", SUN, "--resolution", "64", "-o"];
+    place.fine(&[&bake[..], &["two.umb"]].concat());
+    assert!(fs::symlink_metadata(place.file("maps/sun.umb")).unwrap().is_file());
+    for link in ["one.umb", "two.umb"] {
+        assert!(fs::symlink_metadata(place.file(link)).unwrap().is_symlink());
+        place.fine(&["verify", link]);
+    }
+    symlink("nowhere/sun.umb", place.file("astray.umb")).unwrap();
+    symlink("ring.umb", place.file("ring.umb")).unwrap();
+    for (link, says) in [("astray.umb", "nowhere: the directory does not exist"), ("ring.umb", "too many links")] {
+        let line = place.refused(5, &[&bake[..], &[link]].concat());
+        assert!(line.contains(says), "{line}");
+        assert!(fs::symlink_metadata(place.file(link)).unwrap().is_symlink());
+    }
+}
+
 /// The temporary file lies beside the target, not beside the program or a link to it: a rename never crosses file
 /// systems.
 #[test]

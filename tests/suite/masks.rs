@@ -1,17 +1,24 @@
 //! A card with a hole in its texture over a closed slab, from glTF file to answers.
 
-use super::cli::{Place, text};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use super::cli::{Place, error, text, wait_for_handler};
 
 /// Pixels on a side of the texture; the hole is columns 1 to 3 and rows 2 to 6.
 const PIXELS: u32 = 8;
 
 /// A card at y = 2 over a slab whose top is y = 0; the card spans -2..2 along x and z, a pixel is 0.5 wide.
 fn write_scene(place: &Place, name: &str, filter: u32) {
+    write_card(place, name, filter, PIXELS, &|k| (1..4).contains(&(k % PIXELS)) && (2..7).contains(&(k / PIXELS)));
+}
+
+/// The same with a texture of any size; `hole` says of each pixel whether it is one.
+fn write_card(place: &Place, name: &str, filter: u32, side: u32, hole: &dyn Fn(u32) -> bool) {
     let mut png = Vec::new();
-    let mut encoder = png::Encoder::new(&mut png, PIXELS, PIXELS);
+    let mut encoder = png::Encoder::new(&mut png, side, side);
     encoder.set_color(png::ColorType::Rgba);
-    let hole = |k: u32| (1..4).contains(&(k % PIXELS)) && (2..7).contains(&(k / PIXELS));
-    let pixels: Vec<u8> = (0..PIXELS * PIXELS).flat_map(|k| [90, 160, 40, if hole(k) { 0 } else { 255 }]).collect();
+    let pixels: Vec<u8> = (0..side * side).flat_map(|k| [90, 160, 40, if hole(k) { 0 } else { 255 }]).collect();
     encoder.write_header().unwrap().write_image_data(&pixels).unwrap();
     place.write("card.png", png);
     let mut floats: Vec<f32> = Vec::new();
@@ -106,4 +113,43 @@ fn light_falls_through_the_holes_of_a_mask() {
     let render =
         ["render", "linear.gltf", "card.umb", "--camera", "0,6,5,0,0,0", "--size", "64x64", "--backend", "cpu"];
     fine(&place, &[&render[..], &["-o", "view.png"]].concat(), true);
+}
+
+/// A card whose outline is far longer than its texture: every other pixel, at random, is a hole.
+fn write_noise(place: &Place, name: &str) {
+    write_card(place, name, 9729, 1024, &|k| {
+        let mixed = u64::from(k).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        (mixed ^ mixed >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 63 == 1
+    });
+}
+
+#[test]
+fn masks_that_would_outgrow_the_budget_are_refused() {
+    let place = Place::new("masks-memory");
+    write_noise(&place, "noise.gltf");
+    let bake = ["bake", "noise.gltf", "--light", "sun=dir:0,-1,0", "--resolution", "64", "-o", "noise.umb"];
+    let line = place.refused(5, &[&bake[..], &["--memory", "60"]].concat());
+    assert!(line.contains("memory budget of 60 MiB: alpha mask of material 0, triangle 12: "), "{line}");
+    let next: u64 = line.rsplit("--memory ").next().unwrap().parse().expect(&line);
+    assert!((61..80).contains(&next), "{line}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn cutting_masks_can_be_interrupted() {
+    let place = Place::new("masks-interrupt");
+    write_noise(&place, "noise.gltf");
+    let before = place.entries();
+    let bake = ["bake", "noise.gltf", "--light", "sun=dir:0,-1,0", "--resolution", "64", "-o", "noise.umb"];
+    for after in [0, 500] {
+        let mut child = place.command(&bake).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        wait_for_handler(&mut child);
+        // the image is decoded within milliseconds; both triangles take seconds
+        std::thread::sleep(Duration::from_millis(after));
+        let start = Instant::now();
+        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+        error(&child.wait_with_output().unwrap(), 130, &bake);
+        assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+        assert_eq!(place.entries(), before, "{after}");
+    }
 }

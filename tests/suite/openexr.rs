@@ -9,7 +9,7 @@ use umbrage::writer::bake::BakeError;
 use umbrage::writer::hierarchy::build::Progress;
 use umbrage::writer::hierarchy::layers::build;
 use umbrage::writer::hierarchy::spool::Spool;
-use umbrage::writer::layers::openexr::{ExrError, ExrLayers, ExrOptions, Placement};
+use umbrage::writer::layers::openexr::{ExrError, ExrLayers, ExrOptions, Placement, is_decoding};
 use umbrage::writer::layers::{DepthSource, LatticeLayers, LayersError, LayersOptions, Second, Square, bake_layers};
 
 use crate::cli::Place;
@@ -302,6 +302,29 @@ fn cut_and_damaged_files_are_errors() {
             }
         }
     }
+}
+
+/// The decoder breaks off over some damaged B44 pixels: for callers that is an error like others. What the process does
+/// about panics elsewhere stays as it was.
+#[test]
+fn panics_of_the_decoder_are_errors_and_nothing_else_is_silenced() {
+    let place = Place::new("exr-panics");
+    let encoding = Encoding { compression: Compression::B44, ..ZIP };
+    write(&place.file("a.exr"), vec![part((64, 64), None, encoding, vec![("Z", halves(&plane(64, false, hills)))])]);
+    let whole = fs::read(place.file("a.exr")).unwrap();
+    let broken = (whole.len() / 2..whole.len()).flat_map(|at| [0x00, 0xFF].map(|b| (at, b))).find(|(at, byte)| {
+        let mut bytes = whole.clone();
+        bytes[*at..].fill(*byte);
+        fs::write(place.file("a.exr"), &bytes).unwrap();
+        let e = read(&options(&place.file("a.exr"))).err();
+        assert!(!is_decoding());
+        e.is_some_and(|e| e.to_string().contains("its pixels can't be decoded"))
+    });
+    if broken.is_some() {
+        let line = place.refused(3, &["bake", "a.exr", "--light", "sun", "-o", "new.umb"]);
+        assert!(line.contains("its pixels can't be decoded"), "{line}");
+    }
+    assert!(broken.is_some(), "the decoder no longer panics: `guarded` may go");
 }
 
 /// Overwrites the data window in a header.

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 use umbrage::certify::{Oracle, Region};
+use umbrage::format::Kind;
 use umbrage::reader::query::{Map, Resident};
 use umbrage::reader::{Container, FileSource, Limits, MemorySource};
 use umbrage::writer::bake::{BakeOptions, Baked, Light, bake};
@@ -27,6 +28,7 @@ impl File {
             lights: vec![Light { name: "sun".to_string(), direction: [0.4, -0.8, 0.3] }],
             resolution,
             policy,
+            kind: Kind::Mh,
             exhaustive,
             memory_bytes: None,
         };

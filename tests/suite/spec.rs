@@ -82,7 +82,8 @@ fn kinds() -> String {
     let mut out = String::from("| Code | Kind | Root mask in the frame | Words |\n|---|---|---|---|\n");
     for kind in Kind::ALL {
         let mask = if kind.has_frame_mask() { "yes" } else { "no, zero" };
-        let words = if kind == Kind::Mh { "[mh.md](mh.md)" } else { "not defined yet" };
+        let text = format!("[{0}.md]({0}.md)", kind.name());
+        let words = if kind.has_layout() { &text } else { "not defined yet" };
         let _ = writeln!(out, "| {} | `{}` | {mask} | {words} |", kind.code(), kind.name());
     }
     out

@@ -5,8 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::Value;
-use umbrage::certify::Oracle;
-use umbrage::format::Rule;
+use umbrage::certify::stop::Stops;
+use umbrage::certify::{Oracle, Region};
+use umbrage::format::{PageRecord, Rule};
 use umbrage::reader::query::Map;
 use umbrage::reader::{Container, FileSource, Limits};
 use umbrage::writer::container::{ContainerOptions, ContainerWriter, PageInput};
@@ -21,16 +22,21 @@ fn open(path: &Path) -> Container {
 
 /// Writes a container again with one word changed; every checksum is good.
 fn rewrite(from: &Path, to: &Path, page: u32, word: u32, value: u32) {
+    rewrite_with(from, to, page, |words, _| words[word as usize] = value);
+}
+
+/// Writes a container again with one page changed; every checksum is good.
+fn rewrite_with(from: &Path, to: &Path, page: u32, change: impl Fn(&mut [u32], &mut PageRecord)) {
     let container = open(from);
     let s = container.structure(0).unwrap();
     let mut writer =
         ContainerWriter::create(to, ContainerOptions::new(*container.file_id()), vec![*s.record()]).unwrap();
     for ordinal in 0..s.page_count() {
         let mut words = s.page_bytes(ordinal).unwrap().check_frame().unwrap().words().to_vec();
+        let mut record = s.page_record(ordinal).unwrap();
         if ordinal == page {
-            words[word as usize] = value;
+            change(&mut words, &mut record);
         }
-        let record = s.page_record(ordinal).unwrap();
         writer.push(&PageInput { words, record, dependencies: Vec::new() }).unwrap();
     }
     writer.finish().unwrap();
@@ -79,6 +85,74 @@ fn a_widened_interval_is_caught() {
         }
     }
     assert!(tried.iter().flatten().all(|n| *n > 0), "edge and certified texels, down and up: {tried:?}");
+}
+
+/// Mutation: the record of a page promises a smaller error without the page than there is.
+#[test]
+fn a_lowered_stop_error_is_caught() {
+    let place = Place::new("stop");
+    place.fine(&["bake", CITY, "--light", SUN, "--resolution", "512", "--policy", "closed", "-o", "city.umb"]);
+    let path = place.0.join("city.umb");
+    let good = json(&place, &["verify", "city.umb", "--source", CITY, "--json"], 0);
+    let stops = &good["stop_errors"];
+    assert_eq!((&stops["violations"], &stops["passed_over"]), (&0.into(), &0.into()), "{good}");
+    assert!(stops["pairs"].as_u64() > Some(10_000) && stops["held_exactly"].as_u64() > Some(0), "{good}");
+    let map = Map::new(open(&path).structure(0).unwrap()).unwrap();
+    let s = map.structure();
+    let mesh = scene::generated(CITY).unwrap().unwrap();
+    let snapped = snap(&mesh, map.lattice(), Policy::Closed).unwrap();
+    let oracle = Oracle::new(&snapped);
+    let resident = map.preload().unwrap();
+    let stops = Stops::new(s, &resident).unwrap();
+    // The least that a record may promise; a writer may promise more.
+    let least = |page: u32| {
+        let stop = *stops.over(Region { x: 0, y: 0, width: 512, height: 512 }).into_iter().find(|s| s.page == page)?;
+        let [x, y] = stop.origin;
+        let texels = (0..stop.side).flat_map(|j| (0..stop.side).map(move |i| (x + i, y + j)));
+        let distance = |(x, y)| {
+            let truth = oracle.texel(x, y).interval;
+            let answer = stops.answer(&stop, [x, y]);
+            truth.min.saturating_sub(answer).max(answer.saturating_sub(truth.max))
+        };
+        texels.map(distance).max().filter(|d| *d > 0).map(|d| (page, d))
+    };
+    let found: Vec<(u32, u32)> = (1..s.page_count()).step_by(37).filter_map(least).take(2).collect();
+    assert_eq!(found.len(), 2);
+    let (page, error) = found[0];
+    rewrite_with(&path, &place.0.join("least.umb"), page, |_, record| record.stop_error = error.into());
+    place.fine(&["verify", "least.umb", "--source", CITY]);
+    for (page, error) in found {
+        rewrite_with(&path, &place.0.join("bad.umb"), page, |_, record| record.stop_error = (error - 1).into());
+        place.fine(&["verify", "bad.umb"]);
+        let found = json(&place, &["verify", "bad.umb", "--source", CITY, "--json"], 1);
+        assert_eq!((&found["ok"], &found["violations"]), (&Value::Bool(false), &0.into()), "{page}: {found}");
+        assert!(found["stop_errors"]["violations"].as_u64() > Some(0), "{page}: {found}");
+        let example = &found["lights"][0]["stop_examples"][0];
+        assert_eq!([&example["page"], &example["stop_error"]], [page, error - 1], "{found}");
+        let [answer, min, max] = ["answer", "min", "max"].map(|k| example[k].as_i64().unwrap());
+        assert_eq!((min - answer).max(answer - max), i64::from(error), "{found}");
+        let said = text(&place.run(&["verify", "bad.umb", "--source", CITY])).0;
+        assert!(said.contains(&format!("page {page}: texel ")), "{said}");
+    }
+}
+
+/// What is known is told in JSON also where the command ends with an error.
+#[test]
+fn json_comes_with_late_errors() {
+    let place = Place::new("late");
+    place.fine(&["bake", CITY, "--light", SUN, "--resolution", "256", "--policy", "closed", "-o", "city.umb"]);
+    for (args, code) in [(["--source", "none.obj"], 3), (["--source", "none.exr"], 3), (["--light", "moon"], 2)] {
+        let args = [&["verify", "city.umb", "--json"], args.as_slice()].concat();
+        let found = json(&place, &args, code);
+        assert_eq!((&found["ok"], &found["error"]["exit_code"]), (&Value::Bool(false), &code.into()), "{found}");
+        assert!(found["error"]["message"].as_str().is_some_and(|m| !m.is_empty()), "{found}");
+        assert!(found["counts"]["pages"].as_u64() > Some(0), "{found}");
+    }
+    let fine = json(&place, &["verify", "city.umb", "--json"], 0);
+    assert_eq!(fine["error"], Value::Null);
+    place.write("cut.umb", [0; 64]);
+    let found = json(&place, &["verify", "cut.umb", "--json"], 4);
+    assert_eq!(found["error"]["exit_code"], 4);
 }
 
 #[test]

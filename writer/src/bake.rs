@@ -76,9 +76,13 @@ pub enum BakeError {
         name: String,
     },
     /// The budget can't hold the work.
-    #[error("memory budget of {budget} bytes: {what} needs {needed}; give at least --memory {mib}")]
+    #[error(
+        "memory budget of {} MiB: {what} needs {} MiB; give at least --memory {mib}",
+        budget >> 20,
+        needed.div_ceil(1 << 20)
+    )]
     Memory {
-        /// What was given.
+        /// What was given, bytes.
         budget: u64,
         /// What was about to be held.
         what: &'static str,
@@ -173,13 +177,13 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
             _ => build(&snapped, how, spool, progress),
         };
         let tree = tree.map_err(|stop| match stop {
-                Stop::Cancelled => BakeError::Cancelled,
-                Stop::Spool(e) => BakeError::Write(e),
-                Stop::Budget => {
-                    let needed = held + progress.held();
-                    memory_error(options.memory_bytes.unwrap_or(0), "the geometry with the tree so far", needed)
-                }
-            })?;
+            Stop::Cancelled => BakeError::Cancelled,
+            Stop::Spool(e) => BakeError::Write(e),
+            Stop::Budget => {
+                let needed = held + progress.held();
+                memory_error(options.memory_bytes.unwrap_or(0), "the geometry with the tree so far", needed)
+            }
+        })?;
         if options.lights.len() > 1 {
             tree.spool.put_aside();
             if let Some(e) = tree.spool.failed() {

@@ -30,9 +30,13 @@
     clippy::cast_possible_truncation
 )]
 
+mod check;
+
+pub use check::check;
+
 pub use super::tree::PageCounts;
-use super::tree::{check_announced, check_place};
-use crate::error::{FormatError, Rule, Value};
+use super::tree::check_announced;
+use crate::error::{FormatError, Rule};
 use crate::page::{FRAME_WORDS, FrameHead, PageContext};
 
 /// First word of the root group.
@@ -179,184 +183,8 @@ pub const fn child_of(x: u32, y: u32, level: u8) -> u32 {
     (x >> (level & 31) & 1) | (y >> (level & 31) & 1) << 1
 }
 
-/// Most words of a page, as bits.
-const MAP: usize = crate::index::MAX_PAGE_WORDS as usize / 32;
-/// Enough for an ordinary page: clearing the largest maps takes longer than checking a small page.
-const SMALL_MAP: usize = MAP / 8;
 /// Groups that wait: a group leaves at most 4 groups behind at each of 25 levels, of which one is taken at once.
 const WAITING: usize = 4 * 25;
-
-/// Marks at most 8 bits from `first` on; `false` and nothing marked where one was before, or lies outside.
-#[inline]
-fn mark_all(map: &mut [u32], first: u32, count: u32) -> bool {
-    let bits = ((1u64 << (count & 15)) - 1) << (first % 32);
-    let [a, b, c, d, e, f, g, h] = bits.to_le_bytes();
-    let (low, high) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]));
-    let at = (first / 32) as usize;
-    if high == 0 {
-        let Some(word) = map.get_mut(at) else { return false };
-        let fresh = *word & low == 0;
-        *word |= if fresh { low } else { 0 };
-        return fresh;
-    }
-    let Some([first, second]) = map.get_mut(at..).and_then(|m| m.first_chunk_mut::<2>()) else { return false };
-    let fresh = *first & low == 0 && *second & high == 0;
-    if fresh {
-        *first |= low;
-        *second |= high;
-    }
-    fresh
-}
-
-/// Marks one bit; `false` where it was marked before or lies outside.
-fn mark(map: &mut [u32], bit: u32) -> bool {
-    let Some(word) = map.get_mut((bit / 32) as usize) else { return false };
-    let fresh = *word >> (bit % 32) & 1 == 0;
-    *word |= 1 << (bit % 32);
-    fresh
-}
-
-/// Checks the words of a page whose frame has been checked: every word reached exactly once, children behind their
-/// node, every child page referred to exactly once, no children below level 0, no node without children, levels and
-/// values within the page's record. Time and memory are linear in the words.
-///
-/// # Errors
-/// `mh.*`; the offset is that of the node's word.
-pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<PageCounts, FormatError> {
-    if page.len().max(head.child_refs.into()) <= SMALL_MAP * 32 {
-        check_in::<SMALL_MAP>(page, head, cx)
-    } else {
-        check_in::<MAP>(page, head, cx)
-    }
-}
-
-/// [`check`] with maps of so many times 32 words.
-fn check_in<const MAP: usize>(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<PageCounts, FormatError> {
-    let mask = Mask(head.root_mask);
-    let number = |v: u32| Value::Number(v.into());
-    check_place(head, cx, [Rule::MhPlain, Rule::MhRoot, Rule::MhFootprint])?;
-    let mut counts = PageCounts { min: u32::MAX, level_finest: head.root_level, ..PageCounts::default() };
-    let mut words = [0u32; MAP];
-    let mut refs = [0u32; MAP];
-    let (mut words_reached, mut refs_reached) = (0u32, 0u16);
-    let mut waiting = [(ROOT_GROUP, mask, head.root_level); WAITING];
-    let mut count = 1usize;
-    while let Some(&(start, mask, level)) = count.checked_sub(1).and_then(|top| waiting.get(top)) {
-        count -= 1;
-        counts.level_finest = counts.level_finest.min(level);
-        // Almost always the words of a group are there and reached for the first time; what is wrong with the others is
-        // told word by word.
-        let length = mask.words();
-        let group = page.get(usize::from(start)..usize::from(start) + length as usize);
-        let whole = group.filter(|_| mark_all(&mut words, start.into(), length));
-        if let Some(group) = whole {
-            words_reached += length;
-            if mask.is_leaves() {
-                counts.leaves += length;
-                for &value in group {
-                    counts.min = counts.min.min(value);
-                    counts.max = counts.max.max(value);
-                }
-                continue;
-            }
-        }
-        for c in 0..4 {
-            let kind = mask.child(c);
-            if kind == NodeType::None {
-                continue;
-            }
-            let at = u32::from(start) + mask.words_before(c);
-            let apart = if whole.is_some() { 0 } else { kind.words() };
-            for word in at..at + apart {
-                if word as usize >= page.len() {
-                    return Err(cx.fault(
-                        Rule::MhBounds,
-                        at as usize,
-                        Value::AtMost(page.len() as u64 - 1),
-                        number(word),
-                    ));
-                }
-                if !mark(&mut words, word) {
-                    return Err(cx.fault(
-                        Rule::MhOverlap,
-                        word as usize,
-                        Value::Text("a word of one node"),
-                        Value::Text("of two"),
-                    ));
-                }
-                words_reached += 1;
-            }
-            let at = at as usize;
-            let word = |i: usize| page.get(i).copied().unwrap_or(0);
-            if kind.has_value() {
-                let value = word(if kind == NodeType::Inner { at + 1 } else { at });
-                counts.min = counts.min.min(value);
-                counts.max = counts.max.max(value);
-            }
-            counts.add(kind);
-            if !kind.has_children() {
-                continue;
-            }
-            let node = Node::decode(word(at));
-            let place = word(at) >> 8 & 0xFF;
-            if place > 1 {
-                return Err(cx.fault(Rule::MhPlace, at, Value::AtMost(1), number(place)));
-            }
-            if node.mask.0 == 0 {
-                return Err(cx.fault(Rule::MhChildless, at, Value::Text("at least one child"), Value::Number(0)));
-            }
-            let Some(below) = level.checked_sub(1) else {
-                return Err(cx.fault(Rule::MhDepth, at, Value::Text("a leaf at level 0"), Value::Text("children")));
-            };
-            match node.children {
-                Children::Page(child) => {
-                    if child >= head.child_refs {
-                        let most = Value::Text("an index below the page's child_refs");
-                        return Err(cx.fault(Rule::MhReference, at, most, number(child.into())));
-                    }
-                    if !mark(&mut refs, child.into()) {
-                        return Err(cx.fault(
-                            Rule::MhReference,
-                            at,
-                            Value::Text("one reference to a child"),
-                            number(child.into()),
-                        ));
-                    }
-                    refs_reached += 1;
-                }
-                Children::Here(first) => {
-                    if usize::from(first) <= at {
-                        return Err(cx.fault(Rule::MhOrder, at, Value::AtLeast(at as u64 + 1), number(first.into())));
-                    }
-                    // Cannot run out: levels fall by one, so at most 4 groups wait for each level.
-                    let Some(slot) = waiting.get_mut(count) else {
-                        return Err(cx.fault(
-                            Rule::MhDepth,
-                            at,
-                            Value::AtMost(WAITING as u64),
-                            Value::Number(count as u64),
-                        ));
-                    };
-                    *slot = (first, node.mask, below);
-                    count += 1;
-                }
-            }
-        }
-    }
-    let unreached = (page.len() as u64).saturating_sub(u64::from(words_reached) + FRAME_WORDS as u64);
-    if unreached != 0 {
-        return Err(cx.fault(Rule::MhHole, 0, Value::Text("every word in a node"), Value::Number(unreached)));
-    }
-    if refs_reached != head.child_refs {
-        return Err(cx.fault(Rule::MhReference, 0, number(head.child_refs.into()), number(refs_reached.into())));
-    }
-    if counts.level_finest != cx.page.level_finest {
-        let (expected, found) = (number(cx.page.level_finest.into()), number(counts.level_finest.into()));
-        return Err(cx.fault(Rule::MhLevels, 0, expected, found));
-    }
-    counts.check_values(cx, Rule::MhValues)?;
-    Ok(counts)
-}
 
 /// What a page and one of its nodes say about the child page that holds the node's children.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

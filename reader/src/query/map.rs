@@ -28,7 +28,8 @@ pub struct PageView<'a> {
 /// Where a walk ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Descent {
-    /// The answer: the value last seen; [`UNCOVERED`] where there was none.
+    /// The answer: the value last seen; [`umbrage_format::projection::UNCOVERED`] where there
+    /// was none.
     pub value: u32,
     /// Level of the node that holds the value.
     pub level: u8,
@@ -199,7 +200,15 @@ impl Map {
     /// # Errors
     /// A page can't be loaded, breaks a rule (those about links among them), or all together are above the limits.
     pub fn preload(&self) -> Result<Resident, ReaderError> {
-        Resident::load(self)
+        self.preload_while(&|| true)
+    }
+
+    /// [`preload`](Self::preload) that asks before each page whether to go on.
+    ///
+    /// # Errors
+    /// As `preload`; [`ReaderError::Stopped`] where the answer was no.
+    pub fn preload_while(&self, go_on: &dyn Fn() -> bool) -> Result<Resident, ReaderError> {
+        Resident::load(self, go_on)
     }
 
     /// Refuses an array of more words than the limits allow or a 32-bit index reaches.

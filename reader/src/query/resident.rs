@@ -12,7 +12,7 @@ use umbrage_format::Kind;
 use umbrage_format::projection::{Lattice, UNCOVERED};
 
 use super::follow::Follow;
-use super::{Map, Visibility, locate, mh, vector};
+use super::{Map, PageView, Visibility, locate, mh, vector};
 use crate::ReaderError;
 
 /// Levels that the grid of walks spans at most: 256 x 256 cells of 20 bytes.
@@ -34,7 +34,7 @@ enum Tree {
 }
 
 impl Resident {
-    pub(super) fn load(map: &Map) -> Result<Self, ReaderError> {
+    pub(super) fn load(map: &Map, go_on: &dyn Fn() -> bool) -> Result<Self, ReaderError> {
         let structure = map.structure();
         let count = structure.page_count();
         let mut total = 0u64;
@@ -48,6 +48,9 @@ impl Resident {
         let mut pages = Vec::with_capacity(count as usize);
         let mut follow = Follow::default();
         for ordinal in 0..count {
+            if !go_on() {
+                return Err(ReaderError::Stopped { file: structure.file().clone() });
+            }
             // Pages that are not kept by the map need not be kept by it now.
             let page = map.resident(ordinal).cloned().map_or_else(|| structure.page(ordinal), Ok)?;
             follow.page(structure, &page)?;
@@ -98,6 +101,14 @@ impl Resident {
         match locate(&self.lattice, point) {
             Some((x, y, depth)) => Visibility::inside(depth, self.value(x, y, level)),
             None => Visibility::OUTSIDE,
+        }
+    }
+
+    /// A page, for walks that say which pages they need.
+    pub fn page(&self, ordinal: u32) -> Option<PageView<'_>> {
+        match &self.tree {
+            Tree::Mh(tree) => tree.view(ordinal),
+            Tree::Vector(tree) => tree.view(ordinal),
         }
     }
 

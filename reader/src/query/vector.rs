@@ -48,6 +48,14 @@ pub fn descend<'a>(
     d
 }
 
+/// The value of the entry of a node, `word` = `4 * group + c`, at texel (x, y) of level 0: what lookups answer in place
+/// of a page below the node, and in its footprint.
+pub fn node_value(page: PageView<'_>, word: u32, x: u32, y: u32) -> u32 {
+    let (layout, mask) = (Layout::of(page.words), side_mask(page.words));
+    let entry = layout.entry(page.words, Child::of(page.words, word / 4, word % 4).index);
+    value(page.words, &layout, entry, centre(x & mask, 0), centre(y & mask, 0))
+}
+
 /// Answer at a place inside texel (x, y), `sub` 1/256 of a texel from its corner: the entry's value there where it is
 /// proven over its whole square, else that of the texel.
 pub fn continuous<'a>(

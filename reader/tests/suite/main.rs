@@ -2,6 +2,7 @@
 //!
 //! - `tree`: a naive quadtree, its lookup, and the simplest pager; files made of it;
 //! - `round_trip`: what was written is read back and answers as the naive tree does;
+//! - `vector_tree`, `vector`: the same for kind `vector`;
 //! - `hostile`: truncations, flipped bits, repaired checksums, hand-made breaches;
 //! - `later`: pages of kinds that come later travel unchanged;
 //! - `target`: what the writer does when the target is no good.
@@ -11,3 +12,6 @@ mod later;
 mod round_trip;
 mod target;
 mod tree;
+mod vector;
+#[allow(dead_code, reason = "the workspace's tests and the fuzz targets make trees of it, too")]
+mod vector_tree;

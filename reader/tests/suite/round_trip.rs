@@ -117,6 +117,29 @@ fn the_first_answer_takes_two_reads_and_64_kib() {
 }
 
 #[test]
+fn long_checks_stop_when_asked() {
+    let (_, bytes) = small("stop");
+    let file = open(bytes).unwrap();
+    let count = u64::from(file.structure(0).unwrap().page_count());
+    assert!(count > 2);
+    for stop in [0, 1, 2, count] {
+        let mut asked = 0;
+        let summary = file.verify_while(
+            |e| panic!("{e}"),
+            |seen| {
+                assert_eq!(seen, asked);
+                asked += 1;
+                seen < stop
+            },
+        );
+        assert_eq!(summary.pages, stop);
+    }
+    let map = Map::new(file.structure(0).unwrap()).unwrap();
+    assert!(matches!(map.preload_while(&|| false), Err(ReaderError::Stopped { .. })));
+    assert!(map.preload_while(&|| true).is_ok());
+}
+
+#[test]
 fn nothing_resident_is_lit_and_names_the_root() {
     let d = descend(|_| None::<PageView<'_>>, 0, 5, 3, 3, 0);
     assert_eq!((d.value, d.missing), (UNCOVERED, Some(0)));

@@ -1,6 +1,7 @@
 //! The runtime against the reader and against its CPU twin, on a real driver: Mesa's software Vulkan is enough, and a
 //! machine without one fails here with the line that installs it.
 
+mod agree;
 #[path = "../../examples/engine.rs"]
 mod engine;
 mod later;

@@ -4,12 +4,12 @@ use std::time::Instant;
 
 use umbrage_format::checksum::{block_crc, content_hash, header_crc, page_crc};
 use umbrage_format::{BlockHeader, Header, PageRecord, SectionRecord, StructureRecord};
-use umbrage_reader::query::mh::{PageView, descend};
-use umbrage_reader::{CheckedPage, Container, Limits, MemorySource, Structure};
+use umbrage_reader::{Container, Limits, MemorySource, Structure};
 use umbrage_runtime::GpuStreamer;
-use umbrage_runtime::query::mh::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, NONE, Pool, WORD_SHIFT};
+use umbrage_runtime::query::mh::Pool;
 use zerocopy::{FromBytes, IntoBytes};
 
+use crate::agree::{self, Answered};
 use crate::support::{device, opened, queries, random_tree, shared_city};
 use crate::tree::Dice;
 
@@ -29,45 +29,18 @@ fn fill(gpu: &mut GpuStreamer, dice: &mut Dice, all: bool) {
     }
 }
 
-/// Holds the device's answers against the twin's on the device's own bytes, and against the reader's walk.
+/// Asks the device and holds its answers; times of device and twin where they are many.
 fn compare(gpu: &mut GpuStreamer, structure: &Structure, queries: &[[u32; 4]]) -> [usize; 3] {
-    let log2 = structure.record().log2_resolution;
     let start = Instant::now();
-    let answers = gpu.answer(0, queries).unwrap();
+    let answered = agree::ask(gpu, queries);
     let device_time = start.elapsed();
-    let (words, table) = gpu.read_back().unwrap();
-    let pool = Pool { words: &words, table: &table, log2_resolution: log2 };
-    let pages: Vec<Option<CheckedPage>> =
-        (0u32..).zip(&table).map(|(o, e)| (e[0] != NONE).then(|| structure.page(o).unwrap())).collect();
-    for ((page, entry), ordinal) in pages.iter().zip(&table).zip(0u32..) {
-        let Some(page) = page else { continue };
-        let at = entry[0] as usize;
-        assert_eq!(&words[at..at + page.words().len()], page.words(), "page {ordinal}");
-        assert_eq!(entry[1], page.record().first_child.get());
-    }
-    let lookup = |o: u32| {
-        let page = pages.get(o as usize)?.as_ref()?;
-        Some(PageView { words: page.words(), first_child: page.record().first_child.get() })
-    };
-    let mut seen = [0; 3];
-    for (query, answer) in queries.iter().zip(&answers) {
-        assert_eq!(*answer, pool.answer(0, *query), "twin, query {query:?}");
-        let [x, y, level, depth] = *query;
-        if pool.outside(x, y) {
-            seen[2] += 1;
-            continue;
-        }
-        let d = descend(lookup, 0, log2, x, y, level.min(255) as u8);
-        let whole = if d.missing.is_none() { EXACT } else { ANCESTOR };
-        let lit = if depth <= d.value { LIT } else { 0 };
-        let state = u32::from(d.level) << LEVEL_SHIFT | d.word << WORD_SHIFT | lit | whole;
-        assert_eq!(*answer, [d.value, state, d.missing.unwrap_or(NONE), d.page], "reader, query {query:?}");
-        seen[usize::from(d.missing.is_some())] += 1;
-    }
+    let seen = agree::compare(&answered, structure, queries);
     if queries.len() > 100_000 {
+        let Answered { words, table, .. } = &answered;
+        let pool = Pool { words, table, log2_resolution: structure.record().log2_resolution };
         let start = Instant::now();
         let sum = queries.iter().map(|q| u64::from(pool.answer(0, *q)[0])).fold(0, u64::wrapping_add);
-        eprintln!("device {device_time:.1?}, twin on one core {:.1?} (sum {sum})", start.elapsed());
+        eprintln!("device with reading back {device_time:.1?}, twin on one core {:.1?} (sum {sum})", start.elapsed());
     }
     seen
 }

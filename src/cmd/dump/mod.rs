@@ -14,7 +14,7 @@ use umbrage::reader::query::Map;
 use umbrage::render::write_png;
 
 use super::output::line;
-use super::{Failure, USAGE, listen, open, structure};
+use super::{Failure, USAGE, listen, open, structure, whole};
 
 pub use draw::Picture;
 
@@ -27,7 +27,7 @@ pub struct Args {
     #[arg(long)]
     light: Option<String>,
     /// Show one page of the light
-    #[arg(long, value_name = "ID", allow_negative_numbers = true, conflicts_with = "image")]
+    #[arg(long, value_name = "ID", allow_negative_numbers = true, value_parser = whole::<u32>(0, u32::MAX.into()), conflicts_with = "image")]
     page: Option<u32>,
     /// Draw a level
     #[arg(long, value_name = "OUT.png")]
@@ -37,7 +37,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "depth", requires = "image")]
     draw: Picture,
     /// Level of the picture; the finest that fits 1024 x 1024 without it
-    #[arg(long, allow_negative_numbers = true, requires = "image")]
+    #[arg(long, allow_negative_numbers = true, value_parser = whole::<u8>(0, 24), requires = "image")]
     level: Option<u8>,
     /// One JSON object on stdout
     #[arg(long, conflicts_with_all = ["page", "image"])]

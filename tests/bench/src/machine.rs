@@ -30,6 +30,11 @@ pub fn peak_memory() -> u64 {
     kib("/proc/self/status", "VmHWM")
 }
 
+/// Resident memory of this process now, bytes; 0 where the system does not say.
+pub fn resident_memory() -> u64 {
+    kib("/proc/self/status", "VmRSS")
+}
+
 fn field(file: &str, name: &str) -> Option<String> {
     let text = std::fs::read_to_string(file).ok()?;
     let line = text.lines().find(|l| l.starts_with(name))?;

@@ -70,11 +70,14 @@ enum Suite {
     Query,
     /// Wrong receivers against ray casting, and those of plain shadow maps at their best bias
     Accuracy,
-    /// Time of CRCs and structure checks, and what opening reads
+    /// Time of CRCs and structure checks, what opening reads and what memory it takes
     Check,
     /// One bake in a process of its own
     #[value(hide = true)]
     OneBake,
+    /// One opening in a process of its own
+    #[value(hide = true)]
+    OneOpen,
 }
 
 /// Why a suite ended, and with which exit code.
@@ -122,6 +125,7 @@ fn run(args: &Args) -> Result<(), Failure> {
         Suite::Accuracy => suite::accuracy::run(args)?,
         Suite::Check => suite::check::run(args)?,
         Suite::OneBake => return suite::bake::one(args),
+        Suite::OneOpen => return suite::check::one(args),
     };
     report.show(args.json);
     match &args.report {

@@ -6,6 +6,18 @@ use plotters::prelude::*;
 
 use crate::Failure;
 
+/// Colours that are told apart on white, by the colour-blind too.
+const COLORS: [[u8; 3]; 8] = [
+    [0, 92, 175],
+    [213, 94, 0],
+    [0, 140, 100],
+    [170, 60, 140],
+    [110, 80, 20],
+    [60, 60, 60],
+    [70, 160, 220],
+    [190, 140, 0],
+];
+
 /// Points of one method.
 #[derive(Clone, Debug)]
 pub struct Series {
@@ -49,6 +61,17 @@ pub fn lower_hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     hull
 }
 
+/// 1, 2 and 5 of every power of ten in the range; the powers alone where that would be too many.
+fn ticks(range: &std::ops::Range<f64>) -> Vec<f64> {
+    let decades = range.start.log10().floor() as i32..=range.end.log10().ceil() as i32;
+    let of = |steps: &'static [f64]| {
+        let all = decades.clone().flat_map(move |d| steps.iter().map(move |s| s * 10f64.powi(d)));
+        all.filter(|v| range.contains(v)).collect::<Vec<_>>()
+    };
+    let fine = of(&[1.0, 2.0, 5.0]);
+    if fine.len() <= 12 { fine } else { of(&[1.0]) }
+}
+
 impl Plot {
     /// Writes the picture.
     pub fn write(&self, path: &Path) -> Result<(), Failure> {
@@ -83,7 +106,10 @@ impl Plot {
             .margin(12)
             .x_label_area_size(44)
             .y_label_area_size(76)
-            .build_cartesian_2d(x.log_scale(), y.log_scale())?;
+            .build_cartesian_2d(
+                x.clone().log_scale().with_key_points(ticks(&x)),
+                y.clone().log_scale().with_key_points(ticks(&y)),
+            )?;
         // Ticks are sums of decimal fractions: digits beyond the third are noise.
         let number = |v: &f64| {
             let rounded = format!("{v:.2e}").parse().unwrap_or(*v);
@@ -112,7 +138,8 @@ impl Plot {
             right.draw(&Text::new("lower hull", (28, 34), ("sans-serif", 13)))?;
         }
         for (i, series) in self.series.iter().enumerate() {
-            let color = Palette99::pick(i).to_rgba();
+            let [r, g, b] = COLORS[i % COLORS.len()];
+            let color = RGBColor(r, g, b).to_rgba();
             let mut points: Vec<(f64, f64)> = series.points.iter().map(at).collect();
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             chart.draw_series(LineSeries::new(points, color.filled().stroke_width(2)).point_size(4))?;
@@ -128,6 +155,12 @@ impl Plot {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ticks_lie_in_the_range() {
+        assert_eq!(ticks(&(1.2..35.0)), [2.0, 5.0, 10.0, 20.0]);
+        assert_eq!(ticks(&(0.5..2e6)), [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6]);
+    }
 
     #[test]
     fn the_hull_bends_downwards_only() {

@@ -9,10 +9,11 @@ fn main() -> std::io::Result<()> {
         "roundtrip" => umbrage_fuzz::roundtrip::run,
         "query_agrees" => umbrage_fuzz::query_agrees::run,
         "scene" => umbrage_fuzz::scene::run,
+        "layers" => umbrage_fuzz::layers::run,
         "intervals" => umbrage_fuzz::intervals::run,
         _ => {
             return Err(std::io::Error::other(
-                "expected open, page, roundtrip, query_agrees, scene or intervals, and a file",
+                "expected open, page, roundtrip, query_agrees, scene, layers or intervals, and a file",
             ));
         }
     };

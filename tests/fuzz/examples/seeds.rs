@@ -1,5 +1,8 @@
 //! Makes the kept seeds of every target: `cargo run --manifest-path tests/fuzz/Cargo.toml --example seeds`.
 
+#[path = "seeds/layers.rs"]
+mod layers;
+
 use std::path::Path;
 
 fn main() -> std::io::Result<()> {
@@ -44,6 +47,27 @@ fn main() -> std::io::Result<()> {
     put("page", "root-mixed", &page(3, 0, &[0x0001_0200, 0, 0x0004_002D, 9, 5, 0x0008_0001, 0x0000_0155, 8, 6]))?;
     put("page", "group", &page(5, 0x80 | 2, &[0x0000_8D00, 0, 5, 0x0006_0005, 0x0008_0044, 8, 1, 2, 3, 4]))?;
 
+    // Numbers of a tree of kind `vector`: bushy, which page, then four bytes each; the last bytes are changes.
+    let numbers = |seed: u32, n: u32| -> Vec<u8> {
+        let number = |i: u32| (i + 1).wrapping_mul(0x9E37_79B9 ^ seed).rotate_left(11).wrapping_mul(0x85EB_CA6B);
+        (0..n).flat_map(|i| number(i).to_le_bytes()).collect()
+    };
+    let tree = |seed: u32, bushy: u8, which: u8, n: u32| [&[bushy, which][..], &numbers(seed, n)].concat();
+    put("page", "vector-leaf", &[&[3, 0x40][..], &tree(1, 0, 0, 40)].concat())?;
+    put("page", "vector-tree", &[&[6, 0x40][..], &tree(2, 7, 0, 1500)].concat())?;
+    put("page", "vector-group", &[&[6, 0x40][..], &tree(3, 7, 2, 1500)].concat())?;
+    // A stub's number, a plane's bits, a value's bounds, an index.
+    for (name, change) in [
+        ("vector-topology", [5, 0, 0, 9, 0]),
+        ("vector-header", [1, 0, 1, 1, 0]),
+        ("vector-index", [12, 0, 0, 3, 0]),
+        ("vector-palette", [40, 0, 2, 0xFF, 0xFF]),
+    ] {
+        put("page", name, &[&[4, 0x41][..], &tree(4, 6, 0, 800), &change].concat())?;
+    }
+    let four = [&[60u8, 0, 0, 4, 0][..], &[61, 0, 0, 7, 0], &[62, 0, 1, 9, 0], &[63, 0, 0, 1, 0]].concat();
+    put("page", "vector-accepted", &[&[4, 0x44][..], &tree(5, 6, 0, 800), &four].concat())?;
+
     put("open", "leaf", &[3])?;
     put("open", "tree", &[3 | 1 << 2])?;
     put("open", "two", &[3 | 2 << 2])?;
@@ -78,8 +102,15 @@ fn main() -> std::io::Result<()> {
     put("scene", "glb", &[&[3][..], &head, json.as_bytes()].concat())?;
     put("scene", "by-content", &[&[4][..], cube.as_bytes()].concat())?;
 
+    for (name, bytes) in layers::files() {
+        put("layers", &name, &bytes)?;
+    }
+
     put("roundtrip", "tree-flat", &[0])?;
     put("roundtrip", "tree-cut", &[3 << 1, 0x0C, 2, 1, 0, 15, 0, 3, 0, 1, 1, 0, 7, 0, 9, 9, 2, 8, 8, 5, 0, 1, 1])?;
+    put("roundtrip", "vector-leaf", &[0x80])?;
+    put("roundtrip", "vector-tree", &[&[0x80 | 4 << 1, 6][..], &numbers(7, 2000)].concat())?;
+    put("roundtrip", "vector-large", &[&[0x80 | 7 << 1, 7][..], &numbers(8, 4000)].concat())?;
     put("roundtrip", "image-small", &[1, 4, 3, 0, 0, 0x12, 0x34, 0x13, 0xFF, 0x12])?;
     put("roundtrip", "image-many-pages", &[1, 15, 20, 200, 0, 0x12, 0x34, 0x13, 0xFF, 0x80, 0x7F, 3])?;
     put("roundtrip", "image-whole-squares", &[1, 12, 30, 9, 3, 1, 2, 3, 0xFF, 5, 6, 7, 0x88])?;

@@ -2,10 +2,12 @@
 //! `corpus` also run as an ordinary test on a stable compiler.
 //!
 //! - [`open`]: a file that is accepted answers every texel of every level, lazily and preloaded alike;
-//! - [`page`]: `mh::check` accepts just what a naive walk accepts, and every node it counts is found by a lookup;
+//! - [`page`]: `mh::check` accepts just what a naive walk accepts, and every node it counts is found by a lookup; a
+//!   `vector` page that is accepted answers at every node as plain arithmetic on its words does ([`vector_page`]);
 //! - [`roundtrip`]: intervals and trees come back from the file as a naive evaluation has them, at every level;
 //! - [`query_agrees`]: on the device an accepted file gives the reader's answers, to the bit;
 //! - [`scene`]: a mesh file that is accepted is a sound mesh that can be baked; refusals are one line;
+//! - [`layers`]: an OpenEXR file that is accepted bakes to a sound file whose values are in the layers' intervals;
 //! - [`intervals`]: the baker's tree holds what the exact oracle allows, with the oracle's counts.
 //!
 //! ```text
@@ -17,12 +19,22 @@
 
 pub mod input;
 pub mod intervals;
+pub mod layers;
 pub mod open;
 pub mod page;
 pub mod query_agrees;
 pub mod roundtrip;
 pub mod scene;
+pub mod vector_page;
 
+// The comparison of the runtime's parity test.
+#[path = "../../../runtime/tests/suite/agree.rs"]
+#[allow(missing_docs)]
+mod agree;
 #[path = "../../../reader/tests/suite/tree.rs"]
 #[allow(dead_code, missing_docs)]
 mod tree;
+
+#[path = "../../../reader/tests/suite/vector_tree.rs"]
+#[allow(dead_code, missing_docs)]
+mod vector_tree;

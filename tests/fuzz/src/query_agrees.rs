@@ -5,12 +5,11 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use umbrage_format::Kind;
-use umbrage_reader::query::mh::{PageView, descend};
-use umbrage_reader::{CheckedPage, Structure};
+use umbrage_reader::Structure;
 use umbrage_runtime::gpu::Kernels;
-use umbrage_runtime::query::mh::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, NONE, Pool, WORD_SHIFT};
 use umbrage_runtime::{GpuStreamer, Headless};
 
+use crate::agree;
 use crate::open::{container, steps};
 
 /// Device memory for one structure.
@@ -57,29 +56,8 @@ fn compare(structure: &Structure) {
             steps(side).flat_map(move |y| steps(side).map(move |x| [x, y, l.into(), x.wrapping_mul(0x9E37_79B9)]))
         })
         .collect();
-    let answers = gpu.answer(0, &queries).expect("answers");
-    let (words, table) = gpu.read_back().expect("bytes");
-    let pool = Pool { words: &words, table: &table, log2_resolution: log2 };
-    let pages: Vec<Option<CheckedPage>> = (0u32..)
-        .zip(&table)
-        .map(|(o, e)| (e[0] != NONE).then(|| structure.page(o).expect("it was uploaded")))
-        .collect();
-    let lookup = |o: u32| {
-        let page = pages.get(o as usize)?.as_ref()?;
-        Some(PageView { words: page.words(), first_child: page.record().first_child.get() })
-    };
-    for (query, answer) in queries.iter().zip(&answers) {
-        assert_eq!(*answer, pool.answer(0, *query), "twin, query {query:?}");
-        let [x, y, level, depth] = *query;
-        if pool.outside(x, y) {
-            continue;
-        }
-        let d = descend(lookup, 0, log2, x, y, level.min(255) as u8);
-        let whole = if d.missing.is_none() { EXACT } else { ANCESTOR };
-        let lit = if depth <= d.value { LIT } else { 0 };
-        let state = u32::from(d.level) << LEVEL_SHIFT | d.word << WORD_SHIFT | lit | whole;
-        assert_eq!(*answer, [d.value, state, d.missing.unwrap_or(NONE), d.page], "reader, query {query:?}");
-    }
+    let answered = agree::ask(&mut gpu, &queries);
+    agree::compare(&answered, structure, &queries);
 }
 
 /// One input.

@@ -16,6 +16,7 @@ use umbrage_writer::interval::Interval;
 
 use crate::input::Input;
 use crate::tree::{Folder, ID, Kids, Naive, pages, structure};
+use crate::vector_tree;
 
 /// Intervals of a map, row by row, as a pattern of few bytes repeats them.
 struct Image {
@@ -103,10 +104,10 @@ impl Image {
 }
 
 /// Writes the pages, reads them back from memory and from the file, and asks everything.
-fn compare(log2: u8, pages: &[PageInput], expected: impl Fn(u32, u32, u8) -> u32) -> Map {
+fn compare(kind: Kind, log2: u8, pages: &[PageInput], expected: impl Fn(u32, u32, u8) -> u32) -> Map {
     let folder = Folder::new("fuzz-roundtrip");
     let path = folder.0.join("map.umb");
-    let records = vec![structure("sun", Kind::Mh, log2, pages.len())];
+    let records = vec![structure("sun", kind, log2, pages.len())];
     let mut writer = ContainerWriter::create(&path, ContainerOptions::new(ID), records).expect("a new file");
     for page in pages {
         writer.push(page).expect("a page of the tree");
@@ -179,15 +180,30 @@ fn grow(input: &mut Input, level: u8, root: bool) -> Naive {
     if root || kind & 3 != 1 { Naive::Inner(value, kids) } else { Naive::Empty(kids) }
 }
 
-/// One input: a byte that says tree or image, then its description.
+/// One input: a byte that says tree, `vector` tree or image, then its description.
 pub fn run(data: &[u8]) {
     let mut input = Input(data);
     let mode = input.byte();
+    if mode & 0x81 == 0x80 {
+        let (log2, bushy) = (mode >> 1 & 7, input.below(9));
+        let tree = vector_tree::grow(&mut |n| input.word() % n, log2, true, bushy);
+        let pages = vector_tree::pages(&tree, log2);
+        let map = compare(Kind::Vector, log2, &pages, |x, y, l| tree.lookup(log2, x, y, l));
+        let resident = map.preload().expect("pages");
+        for i in 0..256u32 {
+            let (x, y) = (i * 37 % (1 << log2), i * 101 % (1 << log2));
+            let sub = [i as u8, (i * 59) as u8];
+            let want = tree.continuous(log2, x, y, sub);
+            assert_eq!(map.continuous(x, y, sub).expect("a page").value, want, "{x} {y} {sub:?}");
+            assert_eq!(resident.continuous(x, y, sub), want, "{x} {y} {sub:?}, preloaded");
+        }
+        return;
+    }
     if mode & 1 == 0 {
         let (log2, cuts) = (mode >> 1 & 7, input.byte());
         let cuts: Vec<u8> = (1..8).filter(|l| cuts >> l & 1 == 1 && *l <= log2).collect();
         let tree = grow(&mut input, log2, true);
-        compare(log2, &pages(&tree, log2, &cuts), |x, y, l| tree.lookup(log2, x, y, l));
+        compare(Kind::Mh, log2, &pages(&tree, log2, &cuts), |x, y, l| tree.lookup(log2, x, y, l));
         return;
     }
     let image = Image::read(&mut input);
@@ -204,7 +220,7 @@ pub fn run(data: &[u8]) {
     let pages: Vec<Page> = spool.pages(root).map(|p| p.expect("what was put aside")).collect();
     let inputs: Vec<_> = pages.iter().enumerate().map(|(i, p)| bake::input(p.clone(), i == 0)).collect();
     let expected = |x: u32, y: u32, l: u8| values[usize::from(l)][((y >> l << (log2 - l)) + (x >> l)) as usize];
-    let map = compare(log2, &inputs, expected);
+    let map = compare(Kind::Mh, log2, &inputs, expected);
     for (i, (want, stored)) in image.texels.iter().zip(&values[0]).enumerate() {
         assert!((want.min..=want.max).contains(stored), "texel {i}: {stored} is not in {want:?}");
     }

@@ -5,12 +5,13 @@ use std::path::Path;
 #[test]
 fn kept_inputs_hold_their_claims() {
     type Target = fn(&[u8]);
-    let targets: [(&str, Target); 6] = [
+    let targets: [(&str, Target); 7] = [
         ("open", umbrage_fuzz::open::run),
         ("page", umbrage_fuzz::page::run),
         ("roundtrip", umbrage_fuzz::roundtrip::run),
         ("query_agrees", umbrage_fuzz::query_agrees::run),
         ("scene", umbrage_fuzz::scene::run),
+        ("layers", umbrage_fuzz::layers::run),
         ("intervals", umbrage_fuzz::intervals::run),
     ];
     for (name, run) in targets {

@@ -9,7 +9,6 @@ mod trees;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use umbrage::format::Kind;
 use umbrage::reader::query::Map;
 use umbrage::reader::{Container, Limits, MemorySource};
 
@@ -77,7 +76,7 @@ fn golden_files_are_what_the_writer_makes() {
         keep(format!("{name}.umb"), &golden.bytes, &mut names);
         let container = open(golden.bytes.clone(), Limits::default()).unwrap();
         assert_eq!(container.verify(|e| panic!("{name}: {e}")).faults, 0);
-        for s in container.structures().filter(|s| s.kind() == Kind::Mh) {
+        for s in container.structures().filter(|s| s.kind().has_layout()) {
             let (number, roots, log2) = (s.number(), s.record().root_count.get(), s.record().log2_resolution);
             let structure = s.name().to_string();
             let map = Map::new(s).unwrap();

@@ -1,12 +1,13 @@
 //! Files that break one rule each: a golden file, the bytes that change, and which checksums are made good behind them.
 
 use umbrage::format::checksum::{FileId, block_crc, content_hash, page_crc};
+use umbrage::format::kind::vector::Layout;
 use umbrage::format::record::{Field, RECORDS};
 use umbrage::format::{Header, SectionRecord};
 use umbrage::reader::Limits;
 
 use super::named;
-use At::{Block, Gap, Page, Record, Root, Section, Structure};
+use At::{Block, Gap, Page, Part, Record, Root, Section, Structure};
 use Seal::{All, Head, Index, Nothing, Records};
 
 /// What of a file changes.
@@ -28,6 +29,9 @@ pub enum At {
     Unused,
     /// A byte of a page of structure 0: ordinal, word, byte of the word.
     Page(usize, usize, usize),
+    /// A byte of a `vector` page of structure 0: ordinal, part (`header` or a section's name), word of it, byte of the
+    /// word.
+    Part(usize, &'static str, usize, usize),
     /// The byte before a section, or before a page of structure 0.
     Gap(&'static str, usize),
     /// The whole file.
@@ -223,7 +227,55 @@ const ROWS: &[Row] = &[
     ("mh.depths", "example", Record(0, 2, "max_depth"), &[0, 0, 1], All),
     ("mh.depths", "example", Record(0, 1, "max_depth"), &[0x66, 0x03], All),
     ("mh.depths", "example", Record(0, 2, "max_depth"), &[0xD0, 0x02], All),
+    ("vector.plain", "vector", Record(0, 3, "page_type"), &[1], All),
+    ("vector.root", "vector", Page(0, 0, 1), &[3], All),
+    ("vector.root", "vector", Page(3, 0, 1), &[0], All),
+    ("vector.root", "vector", Part(2, "topology", 1, 0), &[0x40], All),
+    ("vector.footprint", "vector", Record(0, 3, "log2_x"), &[0], All),
+    ("vector.footprint", "vector", Record(0, 3, "log2_l"), &[1], All),
+    ("vector.footprint", "vector", Record(0, 3, "origin_l"), &[1], All),
+    // No group, an unknown flag, a bit too many, a word that is zero; a node less with an entry.
+    ("vector.header", "vector", Part(0, "header", 0, 0), &[0], All),
+    ("vector.header", "vector", Part(0, "header", 0, 1), &[0x80], All),
+    ("vector.header", "vector", Part(0, "header", 1, 1), &[2], All),
+    ("vector.header", "vector", Part(0, "header", 1, 0), &[9], All),
+    ("vector.header", "vector", Part(0, "header", 4, 2), &[1], All),
+    ("vector.header", "vector", Part(0, "header", 0, 2), &[6], All),
+    ("vector.length", "vector", Part(0, "header", 1, 2), &[0xFF, 0x7F], All),
+    // A raw of no words where the last one had some, and one that leaves the page.
+    ("vector.length", "vector", Part(0, "raws", 1, 2), &[0], All),
+    ("vector.length", "vector", Part(0, "raws", 1, 2), &[32], All),
+    ("vector.ranks", "vector", Part(0, "topology", 0, 0), &[1], All),
+    ("vector.ranks", "vector", Part(0, "topology", 0, 2), &[1], All),
+    ("vector.order", "vector", Part(2, "topology", 1, 1), &[0x04], All),
+    ("vector.order", "vector", Part(0, "topology", 1, 1), &[0x55], All),
+    ("vector.stubs", "vector", Part(0, "stubs", 0, 0), &[4], All),
+    ("vector.stubs", "vector", Part(1, "stubs", 0, 2), &[1], All),
+    ("vector.depth", "vector", Part(2, "topology", 1, 2), &[0x80], All),
+    ("vector.padding", "vector", Part(0, "topology", 4, 3), &[1], All),
+    ("vector.padding", "vector", Part(0, "proofs", 0, 3), &[1], All),
+    ("vector.padding", "vector", Part(0, "heap", 2, 3), &[1], All),
+    ("vector.levels", "vector", Record(0, 2, "level_finest"), &[1], All),
+    ("vector.line", "vector", Part(0, "lines", 2, 3), &[1], All),
+    ("vector.plane", "vector", Part(0, "planes", 1, 3), &[0x80], All),
+    ("vector.split", "vector", Part(0, "splits", 0, 0), &[0xFF], All),
+    ("vector.split", "vector", Part(0, "splits", 0, 3), &[0xFF], All),
+    ("vector.mask", "vector", Part(0, "masks", 1, 0), &[0xFF], All),
+    ("vector.mask", "vector", Part(0, "masks", 0, 3), &[0x80], All),
+    ("vector.mask", "vector", Part(0, "masks", 0, 0), &[0xFF], All),
+    ("vector.raw", "vector", Part(0, "raws", 1, 3), &[0x80], All),
+    ("vector.raw", "vector", Part(0, "raws", 1, 0), &[0], All),
+    ("vector.raw", "vector", Part(0, "raws", 0, 0), &[0xFF; 4], All),
+    ("vector.raw", "vector", Part(0, "raws", 1, 2), &[33], All),
+    ("vector.index", "vector", Part(0, "indexes", 0, 0), &[0xFF], All),
+    ("vector.values", "vector", Record(0, 0, "max_depth"), &[0, 0, 0, 0x7F], All),
+    ("vector.link", "vector", Record(0, 3, "origin_x"), &[0], All),
+    ("vector.link", "vector", Record(0, 2, "origin_y"), &[0], All),
+    // Below the least depth of the parent; what is inherited lies outside.
+    ("vector.depths", "vector", Record(0, 3, "min_depth"), &[0, 0, 0, 0], All),
+    ("vector.depths", "vector", Record(0, 3, "min_depth"), &[0x50, 0x0A, 0, 0], All),
     ("structure.nodes", "example", Structure(0, "leaf_nodes"), &[0], Records),
+    ("structure.nodes", "vector", Structure(0, "leaf_nodes"), &[0], Records),
     ("structure.nodes", "example", Structure(0, "inner_nodes"), &[0], Records),
     ("structure.nodes", "example", Structure(0, "empty_nodes"), &[9], Records),
 ];
@@ -248,6 +300,11 @@ pub fn all() -> Vec<Sample> {
             if rule == "mh.plain" {
                 // A flat page in a tree: its tag and root mask must then be those of a flat page.
                 let word = position(&bytes, Page(1, 0, 0));
+                bytes[word..word + 2].copy_from_slice(&[0xFF, 0]);
+            }
+            if rule == "vector.plain" {
+                // The same; and the record of such a page has the level 0 already.
+                let word = position(&bytes, Page(3, 0, 0));
                 bytes[word..word + 2].copy_from_slice(&[0xFF, 0]);
             }
             if rule == "page.level" && base == "later" {
@@ -374,6 +431,27 @@ pub fn position(bytes: &[u8], at: At) -> usize {
             index(bytes, s) + ordinal / per_block * block + 64 + 64 * (ordinal % per_block)
         }
         Page(ordinal, word, byte) => offset(bytes, Record(0, ordinal, "offset")) + 4 * word + byte,
+        Part(ordinal, part, word, byte) => {
+            let start = offset(bytes, Record(0, ordinal, "offset"));
+            let words: Vec<u32> =
+                bytes[start..].chunks_exact(4).map(|w| u32::from_le_bytes(w.try_into().unwrap())).collect();
+            let l = Layout::of(&words);
+            let first = match part {
+                "header" => 2,
+                "topology" => 7,
+                "stubs" => l.stubs_at,
+                "indexes" => l.indexes_at,
+                "proofs" => l.proofs_at,
+                "lines" => l.lines_at,
+                "planes" => l.planes_at,
+                "splits" => l.splits_at,
+                "masks" => l.masks_at,
+                "raws" => l.raws_at,
+                "heap" => l.heap_at,
+                other => panic!("{other}"),
+            };
+            start + 4 * (usize::from(first) + word) + byte
+        }
         Gap("section", i) => offset(bytes, Section(i, "offset")) - 1,
         Gap(_, ordinal) => offset(bytes, Record(0, ordinal, "offset")) - 1,
     };
@@ -402,6 +480,8 @@ impl std::fmt::Display for At {
         match *self {
             Root(name) => write!(f, "`StructureRecord.root_page.{name}`"),
             At::Unused => f.write_str("unused bytes of an index block"),
+            Part(_, "header", ..) => f.write_str("the header of a page"),
+            Part(_, part, ..) => write!(f, "{part} of a page"),
             Page(_, word @ (0 | 1), _) => write!(f, "word {word} of the frame"),
             Page(..) => f.write_str("a node's word"),
             Gap(what, _) => write!(f, "bytes before a {what}"),

@@ -3,18 +3,35 @@
 use std::sync::OnceLock;
 
 use umbrage::format::index::{FORM_FLAT, SHARED};
+use umbrage::format::kind::vector::{Line, Plane};
 use umbrage::format::page::{FrameHead, TAG_FLAT};
 use umbrage::format::{Kind, PageRecord, StructureRecord};
 use umbrage::writer::container::{ContainerOptions, PageInput};
 
 use crate::tree::{Dice, ID, Kids, Naive, grow, pages, structure, write};
+use crate::vector_tree::{self, Entry, Node};
 use Naive::{Empty, Inner, Leaf};
 
-/// A golden file and the trees of its structures of kind `mh`, one for each root.
+/// A golden file and the trees of its structures, one for each root, where the kind has a layout.
 pub struct Golden {
     pub name: &'static str,
     pub bytes: Vec<u8>,
-    pub trees: Vec<Vec<Naive>>,
+    pub trees: Vec<Vec<Tree>>,
+}
+
+/// A tree of any kind.
+pub enum Tree {
+    Mh(Naive),
+    Vector(Node),
+}
+
+impl Tree {
+    pub fn lookup(&self, log2: u8, x: u32, y: u32, level: u8) -> u32 {
+        match self {
+            Tree::Mh(tree) => tree.lookup(log2, x, y, level),
+            Tree::Vector(tree) => tree.lookup(log2, x, y, level),
+        }
+    }
 }
 
 /// All golden files, made once: tests of one process would use the same temporary folders.
@@ -24,6 +41,7 @@ pub fn all() -> &'static [Golden] {
 }
 
 fn make() -> Vec<Golden> {
+    let mut dice = Dice(31);
     let one = |name, tree, log2, cuts: &[u8], alignment| golden(name, alignment, vec![("sun", log2, cuts, vec![tree])]);
     vec![
         one("leaf", Leaf(123_456_789), 4, &[], 6),
@@ -40,6 +58,11 @@ fn make() -> Vec<Golden> {
             ],
         ),
         golden("roots", 6, vec![("faces", 3, &[2], (11..14).map(|seed| grow(&mut Dice(seed), 3, true, 7)).collect())]),
+        vectors("vector", vec![("sun", 4, vector())]),
+        vectors(
+            "vector-two",
+            vec![("sun", 5, vector_tree::grow(&mut |n| dice.roll(n), 5, true, 6)), ("lamp", 0, single())],
+        ),
         later(),
     ]
 }
@@ -105,7 +128,7 @@ fn golden(name: &'static str, alignment_log2: u8, parts: Vec<Part<'_>>) -> Golde
         })
         .collect();
     let bytes = write(&format!("golden-{name}"), options, &files);
-    Golden { name, bytes, trees: parts.into_iter().map(|p| p.3).collect() }
+    Golden { name, bytes, trees: parts.into_iter().map(|p| p.3.into_iter().map(Tree::Mh).collect()).collect() }
 }
 
 /// Pages of several roots in level order, with what their records say of the whole tree.
@@ -143,6 +166,68 @@ fn describe(r: &mut PageRecord, tree: &Naive, log2: u8) {
     let is_root = r.level_coarsest == log2;
     (r.min_depth, r.max_depth) = ((*all.iter().min().unwrap()).into(), (*all.iter().max().unwrap()).into());
     r.stop_error = if is_root { u32::MAX } else { stop }.into();
+}
+
+/// Files of kind `vector`, one root a structure.
+fn vectors(name: &'static str, parts: Vec<(&'static str, u8, Node)>) -> Golden {
+    let file = |(name, log2, tree): &(&'static str, u8, Node)| {
+        let mut pages = vector_tree::pages(tree, *log2);
+        // As if the interval of each texel were its value alone.
+        for p in pages.iter_mut().skip(1) {
+            let r = p.record;
+            let texels = (0..1u32 << r.log2_x).flat_map(|y| (0..1u32 << r.log2_x).map(move |x| (x, y)));
+            let away = |(x, y): (u32, u32)| {
+                let (x, y) = (r.origin_x.get() + x, r.origin_y.get() + y);
+                tree.lookup(*log2, x, y, 0).abs_diff(tree.lookup(*log2, x, y, r.log2_x))
+            };
+            p.record.stop_error = texels.map(away).max().unwrap_or(0).into();
+        }
+        (structure(name, Kind::Vector, *log2, pages.len()), pages)
+    };
+    let files: Vec<_> = parts.iter().map(file).collect();
+    let bytes = write(&format!("golden-{name}"), ContainerOptions::new(ID), &files);
+    Golden { name, bytes, trees: parts.into_iter().map(|p| vec![Tree::Vector(p.2)]).collect() }
+}
+
+/// A map of one texel and one plane.
+fn single() -> Node {
+    Node::leaf(Entry::Plane(Plane { offset: 77, gx: 1, gy: -1, shift: 0 })).proven()
+}
+
+/// Every class of entry, every type of node, child pages on two levels, inherited entries.
+fn vector() -> Node {
+    let constant = |v: u32| Entry::Constant(v);
+    let plane = |offset: i64, gx: i32, gy: i32, shift: u8| Entry::Plane(Plane { offset, gx, gy, shift });
+    let split = |m: i32, c: i64, axis: bool, a: &Entry, b: &Entry| {
+        Entry::Split(Line { m, c, axis }, Box::new([a.clone(), b.clone()]))
+    };
+    let (roof, wall, ground) = (plane(2_000, 300, 40, 9), plane(70_000, -5, 1_000, 4), constant(90_000));
+    let texel = 1i64 << 20;
+    // A corner of a house: two edges, three depths; then an edge more.
+    let edge = split(0x2000_0000, 2 * texel, false, &roof, &ground);
+    let corner = split(-0x1000_0000, 9 * texel, true, &edge, &wall);
+    let deep = split(0x0400_0001, texel / 3, false, &corner, &constant(u32::MAX));
+    let mask = |selectors: u32| {
+        let list = std::array::from_fn(|i| (selectors >> (2 * i) & 3) as u8);
+        Entry::Mask(Box::new([roof.clone(), constant(2_500), ground.clone()]), list)
+    };
+    let raw = |shift: u32| Entry::Raw(Box::new(std::array::from_fn(|i| 3_000 + (((i as u32 * 7 + 3) % 19) << shift))));
+    let uniform = Entry::Raw(Box::new([4_321; 16]));
+    let texels = Node::empty([
+        Some(Node::leaf(constant(2_600))),
+        None,
+        Some(Node::inner(plane(2_700, -1, 0, 2), [Some(Node::leaf(constant(2_640))), None, None, None]).proven().cut()),
+        Some(Node::leaf(mask(0x0608_1421))),
+    ]);
+    let first = Node::inner(deep, [Some(Node::leaf(mask(0x1248_2100))), None, Some(Node::leaf(raw(3))), Some(texels)]);
+    let finest = Node::inner(constant(2_222), [None, None, None, Some(Node::leaf(constant(2_223)))]);
+    let low = Node::inner(roof.clone(), [None, Some(finest), None, None]);
+    let second = Node::empty([Some(Node::leaf(edge)), None, Some(low), Some(Node::leaf(uniform))]);
+    let third = Node::inner(
+        constant(2_100),
+        [Some(Node::leaf(raw(0)).proven()), Some(Node::leaf(mask(0x5555_0000))), Some(Node::leaf(wall.clone())), None],
+    );
+    Node::inner(roof, [Some(Node::leaf(corner).proven()), Some(first.cut()), Some(second.cut()), Some(third)])
 }
 
 /// Pages of kinds whose words are not defined yet, by hand: one of each way in which they differ from `mh`.

@@ -11,6 +11,9 @@ use super::WriteError;
 /// Gaps of at least a page of the usual file systems are not written.
 const HOLE: u64 = 4096;
 
+/// More links one behind the other are a ring, or as good as one.
+const MOST_LINKS: u32 = 40;
+
 /// A file that takes its name only when it is whole; dropped before [`commit`](Self::commit), it is removed.
 #[derive(Debug)]
 pub struct Target {
@@ -25,13 +28,14 @@ pub struct Target {
 }
 
 impl Target {
-    /// Creates the temporary file in the folder of `target`. A link is followed, so that it stays a link.
+    /// Creates the temporary file in the folder of `target`. A link is followed, so that it stays a link, also where
+    /// nothing is behind it yet.
     ///
     /// # Errors
     /// The target is a folder or a device, or its folder can't be written.
     pub fn create(target: &Path) -> Result<Self, WriteError> {
         let target = resolved(target)?;
-        let (file, temporary) = hidden(&target, OpenOptions::new().write(true))?;
+        let (file, temporary) = hidden(&target)?;
         Ok(Self { file: Some(BufWriter::with_capacity(1 << 18, file)), temporary, target, end: 0 })
     }
 
@@ -41,9 +45,8 @@ impl Target {
     /// As [`create`](Self::create).
     pub fn nameless(target: &Path) -> Result<File, WriteError> {
         let target = resolved(target)?;
-        let (file, path) = hidden(&target, OpenOptions::new().read(true).write(true))?;
-        fs::remove_file(&path).map_err(|e| WriteError::io(&target, "unlink a temporary file beside it", 0, e))?;
-        Ok(file)
+        tempfile::tempfile_in(directory(&target))
+            .map_err(|e| WriteError::io(&target, "create a temporary file beside it", 0, e))
     }
 
     /// Where the temporary file lies.
@@ -132,7 +135,17 @@ impl Drop for Target {
 
 /// The target with links followed, if a file can be put there.
 fn resolved(target: &Path) -> Result<PathBuf, WriteError> {
-    let target = fs::canonicalize(target).unwrap_or_else(|_| target.to_path_buf());
+    let mut end = target.to_path_buf();
+    let mut links = 0;
+    while let Ok(to) = fs::read_link(&end) {
+        links += 1;
+        if links > MOST_LINKS {
+            let e = io::Error::other("too many links, one to another");
+            return Err(WriteError::io(target, "follow the link to its end", 0, e));
+        }
+        end = directory(&end).join(to);
+    }
+    let target = fs::canonicalize(&end).unwrap_or(end);
     match fs::metadata(&target) {
         Ok(m) if m.is_dir() => return Err(WriteError::IsDirectory(target)),
         Ok(m) if !m.is_file() => return Err(WriteError::NotAFile(target)),
@@ -148,7 +161,7 @@ fn resolved(target: &Path) -> Result<PathBuf, WriteError> {
 }
 
 /// A new file beside the target.
-fn hidden(target: &Path, options: &mut OpenOptions) -> Result<(File, PathBuf), WriteError> {
+fn hidden(target: &Path) -> Result<(File, PathBuf), WriteError> {
     let random = RandomState::new();
     let mut attempt = 0u32;
     loop {
@@ -157,7 +170,7 @@ fn hidden(target: &Path, options: &mut OpenOptions) -> Result<(File, PathBuf), W
         name.push(target.file_name().unwrap_or_default());
         name.push(format!(".{:016x}.tmp", random.hash_one((std::process::id(), attempt))));
         let temporary = directory(target).join(name);
-        match options.create_new(true).open(&temporary) {
+        match OpenOptions::new().write(true).create_new(true).open(&temporary) {
             Ok(file) => return Ok((file, temporary)),
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists && attempt < 16 => attempt += 1,
             Err(e) => return Err(WriteError::io(target, "create a temporary file beside it", 0, e)),

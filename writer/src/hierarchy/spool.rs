@@ -131,7 +131,8 @@ impl Spool {
     /// Bytes held in memory.
     pub fn held(&self) -> u64 {
         let inner = self.inner();
-        (inner.memory.capacity() + inner.start.capacity() * 8 + inner.masks.capacity() + inner.spans.capacity() * 8) as u64
+        (inner.memory.capacity() + inner.start.capacity() * 8 + inner.masks.capacity() + inner.spans.capacity() * 8)
+            as u64
     }
 
     /// The pages from `root` down, level by level.

@@ -281,13 +281,7 @@ impl Prover {
     }
 
     /// The depths at which every ray of the square is inside the solid of `list[start..end]`.
-    fn slab(
-        &self,
-        locals: &[Local],
-        list: &[u32],
-        start: usize,
-        end: usize,
-    ) -> Option<(i64, i64)> {
+    fn slab(&self, locals: &[Local], list: &[u32], start: usize, end: usize) -> Option<(i64, i64)> {
         let event = |k: usize| locals[list[k] as usize].event;
         let exit = (start..end).filter(|k| event(*k) == Event::Leave).map(|k| self.reach[k].low).min();
         let last = exit.unwrap_or(self.deepest + 1) - 1;
@@ -476,9 +470,7 @@ impl Polygon {
             if e.at(region.p) + dx + dy >= 0 {
                 return true;
             }
-            let corner = |j: usize| {
-                [i64::from(s.x[j % 3]) - rays.corner[0], i64::from(s.y[j % 3]) - rays.corner[1]]
-            };
+            let corner = |j: usize| [i64::from(s.x[j % 3]) - rays.corner[0], i64::from(s.y[j % 3]) - rays.corner[1]];
             let same = |h: &HalfPlane| {
                 h.wide(corner(k)) == 0
                     && h.wide(corner(k + 1)) == 0

@@ -12,7 +12,7 @@ use umbrage_format::kind::mh::child_of;
 use umbrage_format::kind::vector::{Child, Layout, value};
 use umbrage_format::projection::UNCOVERED;
 
-use super::{centre, inside, side_mask};
+use super::{PageView, centre, inside, side_mask};
 use crate::query::resident::GRID_LEVELS;
 
 /// Pages that are all checked and linked.
@@ -42,7 +42,8 @@ struct Page {
 /// A walk between two groups.
 #[derive(Clone, Copy, Debug)]
 struct Walk {
-    /// Page of the next group; a stub's parent page where that is a stub.
+    /// Page of the next group, a stub's parent page where that is a stub; where the walk has ended, what was found
+    /// ([`Tree::found`]).
     page: u32,
     /// Next group; [`ENDED`] where the walk has ended.
     group: u32,
@@ -58,6 +59,8 @@ struct Walk {
 const ENDED: u32 = u32::MAX;
 /// No page.
 const NOTHING: u32 = u32::MAX;
+/// Bit of a found entry: it is proven over its whole square.
+const PROVEN: u32 = 1 << 31;
 
 impl Tree {
     /// From the pages, their first words and first children, and the walks to the grid's cells.
@@ -118,6 +121,8 @@ impl Tree {
                 (w.found_page, w.found) = (w.page, 4 * w.group + c);
             }
             if kind < 2 {
+                // A leaf is itself what was found; its index is at hand.
+                w.page = if kind == 1 { Self::entry(&page, words, child.index) } else { self.found(&w) };
                 w.group = ENDED;
                 return w;
             }
@@ -143,10 +148,21 @@ impl Tree {
         if level == self.grid_level || start.group == ENDED { start } else { self.walk(start, x, y, level) }
     }
 
-    /// Index of the found node.
+    /// Entry of a node of a page, with [`PROVEN`].
     #[inline]
-    fn index(words: &[u32], w: &Walk) -> u32 {
-        Child::of(words, w.found / 4, w.found % 4).index
+    fn entry(page: &Page, words: &[u32], index: u32) -> u32 {
+        let proven = if page.layout.proven(words, index) { PROVEN } else { 0 };
+        page.layout.entry(words, index) | proven
+    }
+
+    /// Entry that a walk found, with [`PROVEN`]; any where it found none.
+    #[inline]
+    fn found(&self, w: &Walk) -> u32 {
+        if w.group == ENDED {
+            return w.page;
+        }
+        let (page, words) = self.page(w.found_page);
+        Self::entry(&page, words, Child::of(words, w.found / 4, w.found % 4).index)
     }
 
     /// Stored depth at a texel of the map.
@@ -154,10 +170,9 @@ impl Tree {
     pub(in crate::query) fn value(&self, x: u32, y: u32, level: u8) -> u32 {
         let w = self.find(x, y, level);
         let Some(page) = self.pages.get(w.found_page as usize) else { return UNCOVERED };
-        let (words, level) = (self.words(page), level.min(self.log2_resolution));
-        let entry = page.layout.entry(words, Self::index(words, &w));
+        let level = level.min(self.log2_resolution);
         let (x, y) = (centre(x & page.side_mask, level), centre(y & page.side_mask, level));
-        value(words, &page.layout, entry, x, y)
+        value(self.words(page), &page.layout, self.found(&w) & !PROVEN, x, y)
     }
 
     /// Depth at a place inside a texel of the map.
@@ -165,11 +180,17 @@ impl Tree {
     pub(in crate::query) fn continuous(&self, x: u32, y: u32, sub: [u8; 2]) -> u32 {
         let w = self.find(x, y, 0);
         let Some(page) = self.pages.get(w.found_page as usize) else { return UNCOVERED };
-        let words = self.words(page);
-        let index = Self::index(words, &w);
-        let [fx, fy] = if page.layout.proven(words, index) { sub } else { [128; 2] };
-        let entry = page.layout.entry(words, index);
-        value(words, &page.layout, entry, inside(x & page.side_mask, fx), inside(y & page.side_mask, fy))
+        let entry = self.found(&w);
+        let [fx, fy] = if entry & PROVEN == 0 { [128; 2] } else { sub };
+        let (x, y) = (inside(x & page.side_mask, fx), inside(y & page.side_mask, fy));
+        value(self.words(page), &page.layout, entry & !PROVEN, x, y)
+    }
+
+    /// A page, for walks that say which pages they need.
+    pub(in crate::query) fn view(&self, ordinal: u32) -> Option<PageView<'_>> {
+        let page = self.pages.get(ordinal as usize)?;
+        let end = self.pages.get(ordinal as usize + 1).map_or(self.words.len(), |next| next.first as usize);
+        Some(PageView { words: self.words.get(page.first as usize..end)?, first_child: page.first_child })
     }
 
     /// Bytes held.

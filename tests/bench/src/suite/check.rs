@@ -6,11 +6,12 @@
 
 use std::hint::black_box;
 use std::path::Path;
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Instant;
 
-use serde_json::json;
-use umbrage::format::checksum::page_crc;
+use serde_json::{Value, json};
+use umbrage::format::checksum::PageCrc;
 use umbrage::format::kind::mh;
 use umbrage::format::page::{FrameHead, PageContext, check_frame};
 use umbrage::reader::query::Map;
@@ -22,7 +23,7 @@ use crate::plot::{Plot, Series};
 use crate::report::{Report, Table, bytes, side};
 use crate::scenes::Folder;
 use crate::timing::Samples;
-use crate::{Args, Failure};
+use crate::{Args, Failure, machine};
 
 /// Rounds in which both candidates take turns.
 const ROUNDS: usize = 7;
@@ -78,6 +79,10 @@ struct Opening {
     bytes: u64,
     coarse_reads: u64,
     coarse_bytes: u64,
+    /// Resident memory that opening and the coarse answers added in a process that did nothing else.
+    resident: [u64; 2],
+    /// Most resident memory of that process.
+    peak: u64,
 }
 
 fn open(file: &Path) -> Result<Container, Failure> {
@@ -93,20 +98,61 @@ fn opening(file: &Path) -> Result<Opening, Failure> {
     }
     let container = open(file)?;
     let opened = container.counters();
-    let map = Map::new(container.structure_named("noise")?)?;
-    let level = map.resolution().ilog2() as u8 - COARSE_LOG2;
-    for i in 0..1u32 << (2 * COARSE_LOG2) {
-        let [x, y] = [i & 63, i >> 6].map(|v| v << level);
-        black_box(map.texel(x, y, level)?);
-    }
+    let _map = coarse_answers(&container)?;
     let coarse = container.counters();
+    let memory = child(file)?;
+    let memory = |key: &str| memory[key].as_u64().unwrap_or(0);
     Ok(Opening {
         micros: Samples(times).median(),
         reads: opened.reads,
         bytes: opened.bytes,
         coarse_reads: coarse.reads,
         coarse_bytes: coarse.bytes,
+        resident: [memory("opened"), memory("answered")],
+        peak: memory("peak"),
     })
+}
+
+/// Asks for every texel of the level of 64 x 64; the map holds what was loaded for it.
+fn coarse_answers(container: &Container) -> Result<Map, Failure> {
+    let map = Map::new(container.structure_named("noise")?)?;
+    let level = map.resolution().ilog2() as u8 - COARSE_LOG2;
+    for i in 0..1u32 << (2 * COARSE_LOG2) {
+        let [x, y] = [i & 63, i >> 6].map(|v| v << level);
+        black_box(map.texel(x, y, level)?);
+    }
+    Ok(map)
+}
+
+/// Opens a file, asks for the coarse level, and prints what memory that took: for a process of its own.
+pub fn one(args: &Args) -> Result<(), Failure> {
+    let Some(file) = args.scenes.first() else {
+        return Err(Failure { code: 2, message: "one-open: give the file with --scene".to_string() });
+    };
+    let before = machine::resident_memory();
+    let container = open(Path::new(file))?;
+    let opened = machine::resident_memory();
+    let _map = coarse_answers(&container)?;
+    let answered = machine::resident_memory();
+    println!(
+        "{}",
+        json!({
+            "opened": opened.saturating_sub(before), "answered": answered.saturating_sub(before),
+            "peak": machine::peak_memory(),
+        })
+    );
+    Ok(())
+}
+
+fn child(file: &Path) -> Result<Value, Failure> {
+    let this = std::env::current_exe().map_err(Failure::target)?;
+    let out = Command::new(this).args(["one-open", "--scene"]).arg(file).stderr(Stdio::inherit()).output();
+    let out = out.map_err(Failure::target)?;
+    let failed = |why: String| Failure::target(format!("opening {}: {why}", file.display()));
+    if !out.status.success() {
+        return Err(failed(out.status.to_string()));
+    }
+    serde_json::from_slice(&out.stdout).map_err(|e| failed(e.to_string()))
 }
 
 /// Runs the suite.
@@ -130,6 +176,9 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
             "open bytes",
             "64 x 64 reads",
             "64 x 64 bytes",
+            "open memory",
+            "64 x 64 memory",
+            "peak",
         ],
     );
     let mut series = [("crc32fast", Vec::new()), ("CRCs of pages", Vec::new()), ("structure check", Vec::new())];
@@ -148,7 +197,6 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
             })
             .collect::<Result<_, Failure>>()?;
         let records = (0..s.page_count()).map(|o| Ok(s.page_record(o)?)).collect::<Result<Vec<_>, Failure>>()?;
-        let id = *container.file_id();
         // small files again and again, so that every candidate takes long enough to be timed
         let again = (LEAST_BYTES / baked.bytes).max(1);
         let mut plain = || {
@@ -156,9 +204,10 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
                 black_box(crc32fast::hash(black_box(bytes)));
             }
         };
+        let crc = PageCrc::new(container.file_id(), 0);
         let mut bound = || {
             for (o, (bytes, _)) in (0..again).flat_map(|_| (0u32..).zip(&pages)) {
-                black_box(page_crc(&id, 0, o, black_box(bytes)));
+                black_box(crc.of(o, black_box(bytes)));
             }
         };
         let mut faults = 0;
@@ -193,12 +242,16 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
             o.bytes.to_string(),
             o.coarse_reads.to_string(),
             o.coarse_bytes.to_string(),
+            bytes(o.resident[0]),
+            bytes(o.resident[1]),
+            bytes(o.peak),
         ]);
         report.rows.push(json!({
             "resolution": resolution, "bytes": baked.bytes, "pages": pages.len(), "crc32fast_seconds": plain,
             "crc_seconds": bound, "structure_seconds": structure, "open_microseconds": o.micros,
             "open_reads": o.reads, "open_bytes": o.bytes, "coarse_reads": o.coarse_reads,
-            "coarse_bytes": o.coarse_bytes,
+            "coarse_bytes": o.coarse_bytes, "open_resident_bytes": o.resident[0],
+            "coarse_resident_bytes": o.resident[1], "open_process_peak_bytes": o.peak,
         }));
         openings.push(o);
         drop(pages);
@@ -226,6 +279,10 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
         most(&|o| o.coarse_reads) <= 2 && most(&|o| o.coarse_bytes) <= 64 << 10,
         "a level of 64 x 64 answers after 2 reads and 64 KiB",
         format!("{} reads, {} bytes", most(&|o| o.coarse_reads), most(&|o| o.coarse_bytes)),
+    );
+    report.notes.push(
+        "memory: what opening, and then the level of 64 x 64, add to a process that does nothing else, and its peak"
+            .to_string(),
     );
     let plot = Plot {
         title: "Checks of whole files on one thread".to_string(),

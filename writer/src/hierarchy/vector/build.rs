@@ -54,8 +54,7 @@ struct Part {
 pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Progress) -> Result<Tree, Stop> {
     let surfaces = surfaces(mesh);
     let edges = edges(&surfaces);
-    let scale =
-        Scale { subtexel_bits: mesh.lattice.subtexel_bits, log2_resolution: mesh.lattice.log2_resolution };
+    let scale = Scale { subtexel_bits: mesh.lattice.subtexel_bits, log2_resolution: mesh.lattice.log2_resolution };
     let cx = Context {
         surfaces: &surfaces,
         edges: &edges,

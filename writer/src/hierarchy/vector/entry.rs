@@ -97,7 +97,9 @@ impl Plane {
         let fine = f64::from(1u32 << scale.fine());
         let g = gradient.map(|s| s * fine);
         let largest = g[0].abs().max(g[1].abs());
-        if !largest.is_finite() || largest * 2f64.powi(i32::from(scale.log2_resolution) + 8) > 2f64.powi(RISE_LOG2 as i32) {
+        if !largest.is_finite()
+            || largest * 2f64.powi(i32::from(scale.log2_resolution) + 8) > 2f64.powi(RISE_LOG2 as i32)
+        {
             return None;
         }
         // flat enough to be a constant over the whole map
@@ -186,8 +188,12 @@ pub struct Palette {
 
 impl Default for Palette {
     fn default() -> Self {
-        let mut palette =
-            Palette { entries: Vec::new(), lines: Vec::new(), by_entry: HashMap::default(), by_line: HashMap::default() };
+        let mut palette = Palette {
+            entries: Vec::new(),
+            lines: Vec::new(),
+            by_entry: HashMap::default(),
+            by_line: HashMap::default(),
+        };
         palette.entry(Entry::Constant(UNCOVERED));
         palette
     }
@@ -224,11 +230,9 @@ impl Palette {
             }
             let at = |id: EntryId| map[id as usize];
             let entry = match *entry {
-                Entry::Split { line, near, beyond } => Entry::Split {
-                    line: self.line(other.lines[line as usize]),
-                    near: at(near),
-                    beyond: at(beyond),
-                },
+                Entry::Split { line, near, beyond } => {
+                    Entry::Split { line: self.line(other.lines[line as usize]), near: at(near), beyond: at(beyond) }
+                }
                 Entry::Mask { entries, selectors } => Entry::Mask { entries: entries.map(at), selectors },
                 e => e,
             };

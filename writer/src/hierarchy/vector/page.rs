@@ -195,8 +195,7 @@ impl Forest {
 
     fn measure(&self, group: u32) -> u32 {
         let g = &self.groups[group as usize];
-        let own: u32 =
-            (0..4).filter(|c| g.mask.child(*c).has_value()).map(|c| self.price(g.entry[c as usize])).sum();
+        let own: u32 = (0..4).filter(|c| g.mask.child(*c).has_value()).map(|c| self.price(g.entry[c as usize])).sum();
         let below: u32 = g.below.iter().filter(|b| **b & CUT == 0).map(|b| self.measure(*b)).sum();
         GROUP_COST + own + below
     }

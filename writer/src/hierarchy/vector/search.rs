@@ -150,7 +150,9 @@ impl<'a> Search<'a> {
     }
 
     fn half_planes(&self, path: &[(usize, bool)]) -> Vec<HalfPlane> {
-        path.iter().map(|&(c, inside)| if inside { self.cuts[c].inside } else { self.cuts[c].inside.beyond() }).collect()
+        path.iter()
+            .map(|&(c, inside)| if inside { self.cuts[c].inside } else { self.cuts[c].inside.beyond() })
+            .collect()
     }
 
     fn cell(
@@ -233,8 +235,9 @@ impl<'a> Search<'a> {
                 }
                 let inside = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
                 let s = &self.rays.surfaces[l.index as usize];
-                let corner =
-                    |j: usize| [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a]);
+                let corner = |j: usize| {
+                    [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a])
+                };
                 let ends = [corner(k), corner(k + 1)];
                 let Some(part) = clip_segment(ends.map(|e| e.map(|v| v as f64)), &region) else { continue };
                 let middle = [0, 1].map(|a| (part[0][a] + part[1][a]) / 2.0);
@@ -414,7 +417,9 @@ impl<'a> Search<'a> {
                 let range = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close);
                 let guard = i64::from(self.guard);
                 range.is_some_and(|(low, high)| {
-                    low + guard <= i64::from(v) && i64::from(v) <= high - guard && (high - low) as u64 >= wide(self.guard)
+                    low + guard <= i64::from(v)
+                        && i64::from(v) <= high - guard
+                        && (high - low) as u64 >= wide(self.guard)
                 })
             }
             Entry::Plane(plane) => {
@@ -642,18 +647,20 @@ impl<'a> Search<'a> {
             let mate = self.edges[e.index as usize].mate.map(|m| m.1);
             let ends = tip.list.iter().map(|n| &self.rays.locals[*n as usize]).filter(|l| Some(l.index) == mate);
             let ends: Vec<&Local> = ends.chain([e]).collect();
-            other.list.iter().all(|n| ends.iter().all(|e| {
-                let l = &self.rays.locals[*n as usize];
-                if l.event == Event::Wall || l.zmin > e.zmax {
-                    return true;
-                }
-                let Some(part) = clip_to_surface(border, l) else { return true };
-                let slack = 2.0 * (l.eps + e.eps) + 0.01 + ((l.sx - e.sx).abs() + (l.sy - e.sy).abs()) * 0.01;
-                part.iter().all(|q| {
-                    let d = (l.z0 - e.z0) + (l.sx - e.sx) * q[0] + (l.sy - e.sy) * q[1];
-                    d >= slack
+            other.list.iter().all(|n| {
+                ends.iter().all(|e| {
+                    let l = &self.rays.locals[*n as usize];
+                    if l.event == Event::Wall || l.zmin > e.zmax {
+                        return true;
+                    }
+                    let Some(part) = clip_to_surface(border, l) else { return true };
+                    let slack = 2.0 * (l.eps + e.eps) + 0.01 + ((l.sx - e.sx).abs() + (l.sy - e.sy).abs()) * 0.01;
+                    part.iter().all(|q| {
+                        let d = (l.z0 - e.z0) + (l.sx - e.sx) * q[0] + (l.sy - e.sy) * q[1];
+                        d >= slack
+                    })
                 })
-            }))
+            })
         };
         ends_before(a, b) || ends_before(b, a) || self.meets(i, j, cut, p, size)
     }
@@ -664,7 +671,7 @@ impl<'a> Search<'a> {
         let far = (a.abs() + b.abs()) << self.scale.subtexel_bits;
         [(i, j), (j, i)].into_iter().all(|(own, other)| {
             let cell = &self.cells[own];
-            let inside = cell.path.iter().any(|x| *x == (cut, true));
+            let inside = cell.path.contains(&(cut, true));
             let strip = if inside { HalfPlane { a: -a, b: -b, c: far - c } } else { HalfPlane { a, b, c: c + far } };
             let mut lines = self.half_planes(&cell.path);
             lines.push(strip);
@@ -743,9 +750,7 @@ impl<'a> Search<'a> {
 
     /// Whether the front at the point is level, so that constants do as well as planes.
     pub fn is_level(&self, list: &[u32], centre: [i64; 2]) -> bool {
-        self.front(list, centre).is_none_or(|f| {
-            gradient(&self.rays.surfaces[self.local(f).index as usize]) == [0.0; 2]
-        })
+        self.front(list, centre).is_none_or(|f| gradient(&self.rays.surfaces[self.local(f).index as usize]) == [0.0; 2])
     }
 }
 

@@ -3,6 +3,7 @@
 //! In: a path. Out: [`File`] (what the headers say, checked against the file's length before anything is allocated),
 //! then [`Plane`]s. Scan lines and tiles, the compressions that the crate `exr` reads, half, float and uint.
 
+use std::cell::Cell;
 use std::collections::HashSet;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -14,6 +15,7 @@ use exr::meta::header::Header;
 use exr::prelude::f16;
 
 use crate::layers::LayersError;
+use crate::scene::load::text::line;
 
 /// No compression of the format makes pixels smaller by more (zip: 1032), and small files may.
 const MOST_INFLATION: u64 = 2048;
@@ -137,12 +139,15 @@ impl File {
     /// Not readable, not OpenEXR, cut inside the headers.
     pub fn open(path: &Path) -> Result<File, ExrError> {
         let io = |source| ExrError::Io { file: path.to_path_buf(), source };
-        let metadata = std::fs::metadata(path).map_err(io)?;
-        // Asked before it is opened: a pipe would wait for its writer.
-        if !metadata.is_file() {
-            return Err(io(std::io::Error::other("not a regular file")));
-        }
+        let regular = |about: std::fs::Metadata| match about.is_file() {
+            true => Ok(about.len()),
+            false => Err(io(std::io::Error::other("not a regular file"))),
+        };
+        // By its name, so that no pipe is opened, which would wait for its writer; by its handle, since a name may mean
+        // another file by then.
+        regular(std::fs::metadata(path).map_err(io)?)?;
         let mut file = std::fs::File::open(path).map_err(io)?;
+        let length = regular(file.metadata().map_err(io)?)?;
         let mut magic = [0; 4];
         let whole = file.read_exact(&mut magic).is_ok();
         if !whole || magic != MAGIC {
@@ -150,17 +155,17 @@ impl File {
         }
         file.seek(SeekFrom::Start(0)).map_err(io)?;
         let reader = guarded(path, || exr::block::read(BufReader::new(file), false))?;
-        Ok(File { path: path.to_path_buf(), length: metadata.len(), reader })
+        Ok(File { path: path.to_path_buf(), length, reader })
     }
 
     fn fault(&self, what: String) -> ExrError {
-        ExrError::Content { file: self.path.clone(), what }
+        ExrError::Content { file: self.path.clone(), what: line(&what) }
     }
 
     /// A missing or ambiguous channel.
     pub fn no_channel(&self, wanted: String) -> ExrError {
-        let found = self.channels().into_iter().map(|c| c.name).collect();
-        ExrError::Channel { file: self.path.clone(), wanted, found }
+        let found = self.channels().iter().map(|c| line(&c.name)).collect();
+        ExrError::Channel { file: self.path.clone(), wanted: line(&wanted), found }
     }
 
     /// All channels of all layers.
@@ -227,8 +232,8 @@ impl File {
             let plane = Plane::new(kind(c, self.reader.headers()), side * side);
             planes.push(plane.ok_or_else(|| {
                 fault(format!(
-                    "no memory for {side} x {side} pixels; use a machine that has {}",
-                    Plane::bytes((side * side) as u64)
+                    "no memory for {side} x {side} pixels; use a machine that has {} MiB for them",
+                    Plane::bytes((side * side) as u64).div_ceil(1 << 20)
                 ))
             })?);
         }
@@ -276,9 +281,22 @@ impl File {
     }
 }
 
+thread_local! {
+    static DECODING: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether this thread is inside the decoder. Its panics are caught and become errors of one line; a panic hook that
+/// asks this may keep quiet about them.
+pub fn is_decoding() -> bool {
+    DECODING.get()
+}
+
 /// Calls the decoder. It breaks off over some damaged pixels (B44, exr 1.74) instead of returning an error.
 fn guarded<T>(path: &Path, decode: impl FnOnce() -> exr::error::Result<T>) -> Result<T, ExrError> {
-    match std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode)) {
+    DECODING.set(true);
+    let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode));
+    DECODING.set(false);
+    match outcome {
         Ok(done) => done.map_err(|e| content(path, &e)),
         Err(_) => Err(ExrError::Content {
             file: path.to_path_buf(),
@@ -295,5 +313,5 @@ fn content(path: &Path, e: &exr::error::Error) -> ExrError {
         E::Invalid(what) => format!("cut or damaged OpenEXR file ({what}); fetch it again"),
         E::Aborted => "stopped".to_string(),
     };
-    ExrError::Content { file: path.to_path_buf(), what: what.replace('\n', " ") }
+    ExrError::Content { file: path.to_path_buf(), what: line(&what.replace('\n', " ")) }
 }

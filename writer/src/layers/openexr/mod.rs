@@ -20,11 +20,12 @@ use std::path::PathBuf;
 use exr::meta::header::Header;
 use xxhash_rust::xxh3::Xxh3;
 
-pub use file::ExrError;
 use file::{Channel, File, Plane};
+pub use file::{ExrError, is_decoding};
 
 use super::{DepthScale, DepthSource, LayersError, Projection, Second, SourceError, Square};
 use crate::bake::memory_error;
+use crate::scene::load::text::line;
 
 /// Depths from here on mean that there is nothing, where nothing else is said: what renderers write for a background
 /// (1e10, 1e30) lies there, and half floats end far before.
@@ -113,12 +114,13 @@ impl ExrLayers {
                 .into());
         }
         let back = found.map(|f| f.0);
-        notes.push(match (&back, second) {
+        // Names may hold anything.
+        notes.push(line(&match (&back, second) {
             (None, Second::NextSurface) => format!("first depth {}; no second surface anywhere", first.name),
             (None, _) => format!("first depth {}; no second depth, so it is taken as it is", first.name),
             (Some(b), Second::Exit) => format!("first depth {}; solids are left at {}", first.name, b.name),
             (Some(b), _) => format!("first depth {}; next surface {}", first.name, b.name),
-        });
+        }));
         let side = file.side(&first)?;
         if let Some(b) = &back {
             let home = other.as_ref().unwrap_or(&file);

@@ -6,6 +6,7 @@
 //! - `piece`: chords along the outline, cell by cell
 //! - `simplify`: chords in a line joined
 //! - `triangulate`: triangles between the chords
+//! - `bounds`: memory, and whether it goes on
 //!
 //! A point is solid where alpha x opacity >= cutoff, alpha sampled as [`AlphaMask`] says and opacity linear over the
 //! triangle. Nearest sampling is cut along the borders of pixels and, where opacity varies, along straight lines within
@@ -16,6 +17,7 @@
 //! Pieces share their vertices. On an edge between two masked triangles with equal texture coordinates and opacities at
 //! its ends both get the same points, so that no crack opens.
 
+mod bounds;
 mod edge;
 mod piece;
 mod root;
@@ -27,11 +29,13 @@ mod triangulate;
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::load::{AlphaMask, Fault, Loaded, MOST, MaskedTriangle};
+use super::load::{AlphaMask, Bounds, Fault, Loaded, MOST, MaskedTriangle};
 use crate::mesh::Mesh;
+use bounds::{Account, Halt, Work};
 use edge::{Corner, Edge};
 use piece::{Chord, Shape, cross};
 use sample::{FARTHEST, Field, UNIT};
@@ -78,8 +82,9 @@ struct Key {
 /// of threads.
 ///
 /// # Errors
-/// [`Fault::TooLarge`] if texture coordinates reach too far, or there would be more than [`MOST`] triangles.
-pub(super) fn cut(scene: &mut Loaded) -> Result<(), Fault> {
+/// [`Fault::TooLarge`] if texture coordinates reach too far, or there would be more than [`MOST`] triangles;
+/// [`Fault::Memory`] and [`Fault::Stopped`] by the bounds.
+pub(super) fn cut(scene: &mut Loaded, bounds: &Bounds) -> Result<(), Fault> {
     let masks = std::mem::take(&mut scene.masks);
     let mut jobs: Vec<(usize, &MaskedTriangle)> = Vec::new();
     let mut known: HashMap<Key, u32> = HashMap::new();
@@ -99,8 +104,11 @@ pub(super) fn cut(scene: &mut Loaded) -> Result<(), Fault> {
     }
     drop(known);
     masked.sort_unstable();
-    let cuts = cuts(&masks, &jobs)?;
-    let mesh = replaced(&scene.mesh, &masked, &cuts)?;
+    let account = Account::new(bounds);
+    let held = bytes_of(&scene.mesh) + given(&masks) + (size_of_val(&*jobs) + size_of_val(&*masked)) as u64;
+    account.take(held).map_err(|halt| halted(halt, &account, || "alpha masks".into()))?.keep();
+    let cuts = cuts(&masks, &jobs, &account)?;
+    let mesh = replaced(&scene.mesh, &masked, &cuts, &account)?;
     let others = scene.mesh.triangles.len() - masked.len();
     let (before, after) = (masked.len(), mesh.triangles.len() - others);
     scene.notes.push(format!("{before} triangles with an alpha mask are cut into {after}"));
@@ -108,19 +116,58 @@ pub(super) fn cut(scene: &mut Loaded) -> Result<(), Fault> {
     Ok(())
 }
 
-/// What is left of every job.
-fn cuts(masks: &[AlphaMask], jobs: &[(usize, &MaskedTriangle)]) -> Result<Vec<Cut>, Fault> {
+fn bytes_of(mesh: &Mesh) -> u64 {
+    (size_of_val(&*mesh.positions) + size_of_val(&*mesh.triangles)) as u64
+}
+
+/// Bytes of masks as they are given; several may share an image.
+fn given(masks: &[AlphaMask]) -> u64 {
+    let images: HashMap<_, usize> = masks.iter().map(|m| (Arc::as_ptr(&m.image), m.image.alpha.len())).collect();
+    let triangles = masks.iter().map(|m| size_of_val(&*m.triangles));
+    images.into_values().chain(triangles).sum::<usize>() as u64
+}
+
+/// Where a triangle is.
+fn place(mask: &AlphaMask, triangle: &MaskedTriangle) -> String {
+    format!("alpha mask of material {}, triangle {}", mask.material, triangle.triangle)
+}
+
+/// Says why a triangle is not cut.
+fn halted(halt: Halt, account: &Account, at: impl Fn() -> String) -> Fault {
+    match halt {
+        Halt::Lines(limit) => {
+            Fault::TooLarge { at: at(), most: format!("{limit} lines along its outline"), found: "more".into() }
+        }
+        Halt::Far => Fault::TooLarge {
+            at: at(),
+            most: format!("{FARTHEST} pixels from the first to its texture coordinates"),
+            found: "more".into(),
+        },
+        Halt::Memory(needed) => Fault::Memory { at: at(), budget: account.budget(), needed },
+        Halt::Stopped => Fault::Stopped,
+    }
+}
+
+/// What is left of every job. Where several triangles at once don't fit the budget, those that broke off are cut alone,
+/// after the others.
+fn cuts(masks: &[AlphaMask], jobs: &[(usize, &MaskedTriangle)], account: &Account) -> Result<Vec<Cut>, Fault> {
     let (mut pixels, mut triangles) = (0.0, 0);
     for (mask, triangle) in jobs {
-        pixels += extent(&masks[*mask], triangle)?;
+        check(&masks[*mask], triangle)?;
+        pixels += extent(&masks[*mask], triangle)[1];
         most(&masks[*mask], triangle, pixels, MOST_PIXELS, "pixels below all masked triangles that differ")?;
     }
     let mut cuts = Vec::with_capacity(jobs.len());
     for batch in jobs.chunks(BATCH) {
-        let done: Vec<Result<Cut, Fault>> =
-            batch.par_iter().map(|(mask, triangle)| cut_one(&masks[*mask], triangle)).collect();
+        let one = |(mask, triangle): &(usize, &MaskedTriangle)| cut_one(&masks[*mask], triangle, account);
+        let mut done: Vec<Result<Cut, Halt>> = batch.par_iter().map(one).collect();
+        for (cut, job) in done.iter_mut().zip(batch) {
+            if matches!(cut, Err(Halt::Memory(_))) {
+                *cut = one(job);
+            }
+        }
         for (cut, (mask, triangle)) in done.into_iter().zip(batch) {
-            let cut = cut?;
+            let cut = cut.map_err(|halt| halted(halt, account, || place(&masks[*mask], triangle)))?;
             if let Cut::Pieces(pieces) = &cut {
                 triangles += pieces.triangles.len();
                 most(&masks[*mask], triangle, triangles as f64, MOST as f64, "triangles cut by masks")?;
@@ -136,56 +183,58 @@ fn most(mask: &AlphaMask, triangle: &MaskedTriangle, found: f64, most: f64, what
         return Ok(());
     }
     Err(Fault::TooLarge {
-        at: format!("alpha mask of material {}, triangle {}", mask.material, triangle.triangle),
+        at: place(mask, triangle),
         most: format!("{most} {what}"),
         found: format!("{}", found.ceil()),
     })
 }
 
-/// About how many pixels a triangle covers or touches.
-fn extent(mask: &AlphaMask, triangle: &MaskedTriangle) -> Result<f64, Fault> {
-    let size = [f64::from(mask.image.width), f64::from(mask.image.height)];
-    let [a, b, c] = triangle.uv.map(|uv| [f64::from(uv[0]) * size[0], f64::from(uv[1]) * size[1]]);
-    let reach = [a, b, c].iter().flatten().fold(0.0, |r: f64, v| r.max(v.abs()));
-    most(mask, triangle, reach, (FARTHEST - 1) as f64, "pixels from the first to its texture coordinates")?;
+/// How many pixels lie along the edges of a triangle, and about how many it covers or touches.
+fn extent(mask: &AlphaMask, triangle: &MaskedTriangle) -> [f64; 2] {
+    let [a, b, c] = pixels(mask, triangle);
     let d = |p: [f64; 2], q: [f64; 2]| [q[0] - p[0], q[1] - p[1]];
     let around: f64 = [d(a, b), d(b, c), d(c, a)].iter().map(|d| d[0].abs() + d[1].abs()).sum();
-    most(mask, triangle, around, MOST_EDGE, "pixels along its edges")?;
     let (u, v) = (d(a, b), d(a, c));
-    Ok((u[0] * v[1] - u[1] * v[0]).abs() / 2.0 + around + 1.0)
+    [around, (u[0] * v[1] - u[1] * v[0]).abs() / 2.0 + around + 1.0]
 }
 
-fn cut_one(mask: &AlphaMask, triangle: &MaskedTriangle) -> Result<Cut, Fault> {
+/// Texture coordinates in pixels.
+fn pixels(mask: &AlphaMask, triangle: &MaskedTriangle) -> [[f64; 2]; 3] {
+    let size = [f64::from(mask.image.width), f64::from(mask.image.height)];
+    triangle.uv.map(|uv| [f64::from(uv[0]) * size[0], f64::from(uv[1]) * size[1]])
+}
+
+/// Refuses texture coordinates that reach too far.
+fn check(mask: &AlphaMask, triangle: &MaskedTriangle) -> Result<(), Fault> {
+    let reach = pixels(mask, triangle).iter().flatten().fold(0.0, |r: f64, v| r.max(v.abs()));
+    most(mask, triangle, reach, (FARTHEST - 1) as f64, "pixels from the first to its texture coordinates")?;
+    most(mask, triangle, extent(mask, triangle)[0], MOST_EDGE, "pixels along its edges")
+}
+
+fn cut_one(mask: &AlphaMask, triangle: &MaskedTriangle, account: &Account) -> Result<Cut, Halt> {
     let field = Field::new(mask, triangle.opacity);
     let mut corners = [Corner { at: [0; 2], opacity: 0.0 }; 3];
     for (k, corner) in corners.iter_mut().enumerate() {
-        let far = |_| Fault::TooLarge {
-            at: format!("alpha mask of material {}, triangle {}", mask.material, triangle.triangle),
-            most: format!("{FARTHEST} pixels from the first to its texture coordinates"),
-            found: format!("{:?}", triangle.uv[k]),
-        };
-        corner.at = field.place(triangle.uv[k]).ok_or(()).map_err(far)?;
+        corner.at = field.place(triangle.uv[k]).ok_or(Halt::Far)?;
         corner.opacity = f64::from(triangle.opacity[k]);
     }
-    let many = |limit: usize| Fault::TooLarge {
-        at: format!("alpha mask of material {}, triangle {}", mask.material, triangle.triangle),
-        most: format!("{limit} lines along its outline"),
-        found: "more".into(),
-    };
+    let mut work = Work::begin(account, extent(mask, triangle)[0] as u64)?;
     let [a, b, c] = corners.map(|c| c.at);
     let area = cross(a, b, c);
     let mut cut = if area == 0 {
-        flat(&field, corners).map_err(many)?
+        flat(&field, corners, &mut work)?
     } else {
         let order = if area > 0 { [0, 1, 2] } else { [0, 2, 1] };
-        reordered(spread(&field, order.map(|k| corners[k])).map_err(many)?, order)
+        reordered(spread(&field, order.map(|k| corners[k]), &mut work)?, order)
     };
+    drop(work);
     if let Cut::Pieces(pieces) = &mut cut {
         if pieces.triangles.is_empty() {
             return Ok(Cut::Nothing);
         }
         pieces.points.shrink_to_fit();
         pieces.triangles.shrink_to_fit();
+        account.take((size_of_val(&*pieces.points) + size_of_val(&*pieces.triangles)) as u64)?.keep();
     }
     Ok(cut)
 }
@@ -249,8 +298,8 @@ fn plain(rim: &[(u32, bool)]) -> Option<Cut> {
 /// Cuts a triangle that is counter-clockwise in the image.
 ///
 /// # Errors
-/// How many chords there may be, if there are more.
-fn spread(field: &Field, corners: [Corner; 3]) -> Result<Cut, usize> {
+/// More chords than there may be, memory, or stopped.
+fn spread(field: &Field, corners: [Corner; 3], work: &mut Work) -> Result<Cut, Halt> {
     let d = |p: usize, q: usize| [0, 1].map(|k| (corners[q].at[k] - corners[p].at[k]) as f64 / UNIT as f64);
     let length = |d: [f64; 2]| (d[0] * d[0] + d[1] * d[1]).sqrt();
     let across = [d(1, 2), d(2, 0), d(0, 1)].map(length);
@@ -259,14 +308,14 @@ fn spread(field: &Field, corners: [Corner; 3]) -> Result<Cut, usize> {
     let order = [0, 1, 2].map(|k| (first + k) % 3);
     let corners = order.map(|k| corners[k]);
     let legs = [across[order[2]], across[order[1]]];
-    let cut = spread_wide(field, corners, legs)?;
+    let cut = spread_wide(field, corners, legs, work)?;
     Ok(renamed(cut, order))
 }
 
 /// Cuts a triangle whose first angle is the widest, with edges there of these lengths in pixels.
-fn spread_wide(field: &Field, corners: [Corner; 3], legs: [f64; 2]) -> Result<Cut, usize> {
+fn spread_wide(field: &Field, corners: [Corner; 3], legs: [f64; 2], work: &mut Work) -> Result<Cut, Halt> {
     let shape = Shape::new(field, corners);
-    let chords = shape.outline().ok_or(piece::MOST_CHORDS)?;
+    let chords = shape.outline(work)?;
     let mut points = Points::new(legs);
     let rim = rim(&shape.edges, &mut points);
     if chords.is_empty()
@@ -284,13 +333,16 @@ fn spread_wide(field: &Field, corners: [Corner; 3], legs: [f64; 2]) -> Result<Cu
         fixed.insert(corner.at, points.corner(k));
     }
     let tolerance = if field.linear() { simplify::JOINT } else { 0.0 };
-    let chords: Vec<Chord> = simplify::simplify(&chords, tolerance, |at| fixed.contains_key(&at));
+    let found = chords;
+    let chords: Vec<Chord> = simplify::simplify(&found, tolerance, |at| fixed.contains_key(&at));
+    drop(found);
+    work.joined(chords.len())?;
     let [a, b, c] = corners.map(|c| c.at);
     let area = cross(a, b, c) as f64;
     let longest = [[b, c], [c, a], [a, b]].into_iter().map(|[p, q]| [0, 1].map(|k| (q[k] - p[k]) as f64));
     let longest = longest.map(|d| d[0] * d[0] + d[1] * d[1]).fold(0.0, f64::max);
     if area < NARROW * longest && chords.len() > MOST_NARROW {
-        return Err(MOST_NARROW);
+        return Err(Halt::Lines(MOST_NARROW));
     }
     let mut number = |at: [i64; 2]| {
         let inside = || points.inside([cross(a, at, c) as f64 / area, cross(a, b, at) as f64 / area]);
@@ -298,14 +350,14 @@ fn spread_wide(field: &Field, corners: [Corner; 3], legs: [f64; 2]) -> Result<Cu
     };
     let chords: Vec<[u32; 2]> = chords.iter().map(|c| c.map(&mut number)).collect();
     // a triangle that can't be cut stays whole: no light where there was none
-    Ok(triangulate(points, &rim, &chords).map_or(Cut::Whole, Cut::Pieces))
+    Ok(triangulate(points, &rim, &chords, work)?.map_or(Cut::Whole, Cut::Pieces))
 }
 
 /// Cuts a triangle whose texture coordinates lie on a line or in a point: straight between marks on its edges.
 ///
 /// # Errors
-/// How many chords there may be, if there are more.
-fn flat(field: &Field, corners: [Corner; 3]) -> Result<Cut, usize> {
+/// More chords than there may be, memory, or stopped.
+fn flat(field: &Field, corners: [Corner; 3], work: &mut Work) -> Result<Cut, Halt> {
     let edges = [0, 1, 2].map(|k| Edge::new(field, corners[k], corners[(k + 1) % 3]));
     let mut points = Points::new([1.0; 2]);
     let rim = rim(&edges, &mut points);
@@ -313,7 +365,7 @@ fn flat(field: &Field, corners: [Corner; 3]) -> Result<Cut, usize> {
         return Ok(cut);
     }
     if rim.len() > MOST_NARROW {
-        return Err(MOST_NARROW);
+        return Err(Halt::Lines(MOST_NARROW));
     }
     // Lines across join what is equally far along; the farthest corner starts and ends the way on both sides.
     let key = |k: &usize| (corners[*k].at, corners[*k].opacity);
@@ -330,11 +382,11 @@ fn flat(field: &Field, corners: [Corner; 3]) -> Result<Cut, usize> {
     });
     let chords: Vec<[u32; 2]> = chords.collect();
     // a triangle that can't be cut stays whole: no light where there was none
-    Ok(triangulate(points, &rim, &chords).map_or(Cut::Whole, Cut::Pieces))
+    Ok(triangulate(points, &rim, &chords, work)?.map_or(Cut::Whole, Cut::Pieces))
 }
 
 /// The mesh with every masked triangle (index and job, rising) replaced.
-fn replaced(mesh: &Mesh, masked: &[(u32, u32)], cuts: &[Cut]) -> Result<Mesh, Fault> {
+fn replaced(mesh: &Mesh, masked: &[(u32, u32)], cuts: &[Cut], account: &Account) -> Result<Mesh, Fault> {
     let (mut points, mut triangles) = (mesh.positions.len(), mesh.triangles.len() - masked.len());
     for (_, job) in masked {
         let (more_points, more) = match &cuts[*job as usize] {
@@ -354,6 +406,9 @@ fn replaced(mesh: &Mesh, masked: &[(u32, u32)], cuts: &[Cut]) -> Result<Mesh, Fa
             return Err(large(format!("{MOST} {what}"), found));
         }
     }
+    let at = || "triangles cut by alpha masks".to_string();
+    let bytes = (points * size_of::<[f64; 3]>() + triangles * size_of::<[u32; 3]>()) as u64;
+    account.take(bytes).map_err(|halt| halted(halt, account, at))?.keep();
     let mut cut = Mesh::default();
     let memory = |_| large("what fits in memory".into(), triangles);
     cut.positions.try_reserve_exact(points).map_err(memory)?;
@@ -362,6 +417,9 @@ fn replaced(mesh: &Mesh, masked: &[(u32, u32)], cuts: &[Cut]) -> Result<Mesh, Fa
     let mut next = masked.iter().peekable();
     let mut numbers = Vec::new();
     for (index, corners) in mesh.triangles.iter().enumerate() {
+        if index % BATCH == 0 {
+            account.go_on().map_err(|halt| halted(halt, account, at))?;
+        }
         let Some((_, job)) = next.next_if(|m| m.0 as usize == index) else {
             cut.triangles.push(*corners);
             continue;

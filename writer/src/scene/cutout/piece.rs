@@ -6,6 +6,7 @@
 //! enough that its contour is within [`CHORD`] of the chord; otherwise the piece is split.
 
 use super::DEVIATION;
+use super::bounds::{Halt, Work};
 use super::edge::{Corner, Edge, along, cubic, local};
 use super::root::roots;
 use super::sample::{Cell, Class, Field, UNIT};
@@ -79,8 +80,11 @@ impl<'a> Shape<'a> {
         from.opacity + (self.slope[0] * d[0] + self.slope[1] * d[1])
     }
 
-    /// All chords; none if they are too many.
-    pub fn outline(&self) -> Option<Vec<Chord>> {
+    /// All chords.
+    ///
+    /// # Errors
+    /// More than [`MOST_CHORDS`], memory, or stopped.
+    pub fn outline(&self, work: &mut Work) -> Result<Vec<Chord>, Halt> {
         let mut chords = Vec::new();
         let whole: Polygon = [0, 1, 2].map(|k| (self.corners[k], Carrier::Edge(k))).to_vec();
         for i in span(&whole, 0) {
@@ -91,11 +95,13 @@ impl<'a> Shape<'a> {
             for j in span(&column, 1) {
                 self.piece([i, j], &column, &mut chords);
                 if chords.len() > MOST_CHORDS {
-                    return None;
+                    return Err(Halt::Lines(MOST_CHORDS));
                 }
+                work.step()?;
             }
+            work.found(chords.len())?;
         }
-        Some(chords)
+        Ok(chords)
     }
 
     fn piece(&self, index: [i64; 2], column: &Polygon, chords: &mut Vec<Chord>) {

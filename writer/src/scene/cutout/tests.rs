@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use super::*;
 use crate::scene::load::{AlphaImage, Wrap};
@@ -126,7 +127,7 @@ fn cut_of(mask: &AlphaMask, triangle: &MaskedTriangle) -> Mesh {
     mask.triangles.push(*triangle);
     let mesh = Mesh { positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], triangles: vec![[0, 1, 2]] };
     let mut scene = Loaded { mesh, masks: vec![mask], notes: Vec::new() };
-    cut(&mut scene).unwrap();
+    cut(&mut scene, &Bounds::default()).unwrap();
     assert!(scene.masks.is_empty());
     scene.mesh
 }
@@ -277,7 +278,7 @@ fn neighbours_share_their_points() {
         }
         let before = mesh.clone();
         let mut scene = Loaded { mesh, masks: vec![mask.clone()], notes: Vec::new() };
-        cut(&mut scene).unwrap();
+        cut(&mut scene, &Bounds::default()).unwrap();
         // Edges of the mesh between two triangles, and both sides' open pieces on them.
         let inner: Vec<[u32; 2]> = (before.triangles.iter())
             .flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]])
@@ -363,7 +364,7 @@ fn order_and_facing_stay() {
     let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [9.0, 9.0, 9.0]];
     let mesh = Mesh { positions, triangles: vec![[0, 1, 3], [0, 1, 2], [1, 2, 3], [0, 1, 2], [2, 0, 3]] };
     let mut scene = Loaded { mesh, masks: vec![mask], notes: Vec::new() };
-    cut(&mut scene).unwrap();
+    cut(&mut scene, &Bounds::default()).unwrap();
     let with: Vec<&[u32; 3]> = scene.mesh.triangles.iter().filter(|t| t.contains(&3)).collect();
     assert_eq!(with, [&[0, 1, 3], &[1, 2, 3], &[2, 0, 3]]);
     let count = scene.mesh.triangles.len() - 3;
@@ -409,7 +410,7 @@ fn repeats_beyond_sense_are_refused() {
             opacity: [1.0; 3],
         });
         let mesh = Mesh { positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], triangles: vec![[0, 1, 2]] };
-        let fault = cut(&mut Loaded { mesh, masks: vec![mask], notes: Vec::new() }).unwrap_err();
+        let fault = cut(&mut Loaded { mesh, masks: vec![mask], notes: Vec::new() }, &Bounds::default()).unwrap_err();
         assert!(matches!(fault, Fault::TooLarge { .. }), "{fault}");
         assert!(fault.to_string().starts_with("alpha mask of material 3, triangle 0: expected at most "), "{fault}");
     }
@@ -428,7 +429,7 @@ fn threads_do_not_matter() {
     let run = |threads| {
         let mut scene = scene.clone();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| cut(&mut scene)).unwrap();
+        pool.install(|| cut(&mut scene, &Bounds::default())).unwrap();
         scene
     };
     assert_eq!(run(1), run(4));
@@ -446,6 +447,68 @@ fn narrow_triangles_have_a_limit_of_their_own() {
     let uv = [[0.0, 0.0], [20_000.0, 0.0], [10_000.0, 0.7]];
     flat.triangles.push(MaskedTriangle { triangle: 0, uv, opacity: [1.0; 3] });
     let mesh = Mesh { positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], triangles: vec![[0, 1, 2]] };
-    let fault = cut(&mut Loaded { mesh, masks: vec![flat], notes: Vec::new() }).unwrap_err();
+    let fault = cut(&mut Loaded { mesh, masks: vec![flat], notes: Vec::new() }, &Bounds::default()).unwrap_err();
     assert!(fault.to_string().contains("at most 16384 lines along its outline"), "{fault}");
+}
+
+/// Right triangles of 32 repeats of noise; eight that differ, the others are like them.
+fn noisy(count: u32) -> Loaded {
+    let r = Random::new(12, [0; 2]);
+    let mut mask = checker(32, 32, |_, _| if r.range(0.0, 1.0) < 0.5 { 255 } else { 0 });
+    let mut mesh = Mesh { positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], triangles: Vec::new() };
+    for triangle in 0..count {
+        let at = (triangle % 8) as f32;
+        mask.triangles.push(MaskedTriangle {
+            triangle,
+            uv: [[at, 0.0], [at + 8.0, 0.0], [at, 8.0]],
+            opacity: [1.0; 3],
+        });
+        mesh.triangles.push([0, 1, 2]);
+    }
+    Loaded { mesh, masks: vec![mask], notes: Vec::new() }
+}
+
+#[test]
+fn a_budget_is_kept_or_the_scene_is_refused() {
+    let within = |mib: u64, threads| {
+        let bounds = Bounds { memory_bytes: Some(mib << 20), ..Bounds::default() };
+        let mut scene = noisy(64);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| cut(&mut scene, &bounds)).map(|()| scene)
+    };
+    let whole = within(1 << 20, 2).unwrap();
+    assert!(whole.mesh.triangles.len() > 1_000_000, "{}", whole.mesh.triangles.len());
+    // One after another they fit where all at once do not.
+    for threads in [1, 8] {
+        assert_eq!(within(64, threads).as_ref(), Ok(&whole), "{threads}");
+    }
+    for (mib, at) in [(0, "alpha masks"), (4, "alpha mask of material 3, triangle 0"), (24, "triangles cut by")] {
+        let fault = within(mib, 1).unwrap_err();
+        let Fault::Memory { budget, needed, .. } = fault else { panic!("{mib}: {fault}") };
+        assert!(budget == mib << 20 && needed > budget, "{fault}");
+        let line = fault.to_string();
+        let next = needed.div_ceil(1 << 20) + 1;
+        assert!(line.starts_with(&format!("memory budget of {mib} MiB: {at}")), "{line}");
+        assert!(line.contains(&format!("give at least --memory {next}")), "{line}");
+    }
+}
+
+#[test]
+fn cutting_ends_when_it_is_told_to() {
+    let asked = AtomicU32::new(0);
+    let keep_on = || {
+        asked.fetch_add(1, Relaxed);
+        true
+    };
+    cut(&mut noisy(8), &Bounds { keep_on: &keep_on, ..Bounds::default() }).unwrap();
+    let whole = asked.load(Relaxed);
+    assert!(whole > 8 * 10, "in each triangle often: {whole}");
+    for most in [0, 1, 5, whole / 2, whole - 1] {
+        asked.store(0, Relaxed);
+        let keep_on = || asked.fetch_add(1, Relaxed) < most;
+        let mut scene = noisy(8);
+        let fault = cut(&mut scene, &Bounds { keep_on: &keep_on, ..Bounds::default() }).unwrap_err();
+        assert_eq!(fault, Fault::Stopped, "{most}");
+    }
+    assert_eq!(Fault::Stopped.to_string(), "interrupted; nothing was loaded");
 }

@@ -8,6 +8,7 @@ use std::collections::HashMap;
 use spade::handles::{FixedDirectedEdgeHandle, FixedVertexHandle};
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
+use super::bounds::{Halt, Work};
 use super::edge::{Edge, STEPS};
 
 /// Where a point of a cut triangle is.
@@ -98,17 +99,30 @@ fn weighted([second, third]: [f64; 2]) -> [f64; 3] {
 /// The solid part: `rim` is the way around the triangle, each point with whether it is solid from there to the next;
 /// `chords` have solid on their left.
 /// None where the library refuses a coordinate.
-pub fn triangulate(points: Points, rim: &[(u32, bool)], chords: &[[u32; 2]]) -> Option<Pieces> {
+///
+/// # Errors
+/// Stopped.
+pub fn triangulate(
+    points: Points,
+    rim: &[(u32, bool)],
+    chords: &[[u32; 2]],
+    work: &mut Work,
+) -> Result<Option<Pieces>, Halt> {
     let vertex = |i: u32| FixedVertexHandle::from_index(i as usize);
     // Every coordinate is 0 or between 2^-44 and 2^64, and no two points are alike: nothing should be refused.
     let scale = points.scale;
     let made = ConstrainedDelaunayTriangulation::<Point>::bulk_load_cdt(points.list, Vec::new());
-    let mut mesh = made.ok()?;
+    let Ok(mut mesh) = made else { return Ok(None) };
     let whole = mesh.num_vertices();
-    let mut parts: Vec<Vec<FixedDirectedEdgeHandle>> = chords.iter().map(|c| constrain(&mut mesh, *c, scale)).collect();
+    type Parts = Vec<Vec<FixedDirectedEdgeHandle>>;
+    let mut all = |mesh: &mut _| -> Result<Parts, Halt> {
+        let one = |c: &[u32; 2]| work.step().map(|()| constrain(mesh, *c, scale));
+        chords.iter().map(one).collect()
+    };
+    let mut parts = all(&mut mesh)?;
     if mesh.num_vertices() > whole {
         // What was split later is found again.
-        parts = chords.iter().map(|c| constrain(&mut mesh, *c, scale)).collect();
+        parts = all(&mut mesh)?;
     }
     // How often an edge is a chord in its direction; chords there and back are none.
     let mut count = vec![0i32; mesh.num_directed_edges()];
@@ -141,7 +155,7 @@ pub fn triangulate(points: Points, rim: &[(u32, bool)], chords: &[[u32; 2]]) -> 
         });
         pieces.triangles.push(triangle);
     }
-    Some(pieces)
+    Ok(Some(pieces))
 }
 
 /// Edges along a chord. Chords that cross, as rounding and joining may bring about, get a point there.

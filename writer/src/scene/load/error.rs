@@ -97,6 +97,25 @@ pub enum Fault {
         /// What is there.
         found: String,
     },
+    /// What its alpha masks are cut into does not fit the budget.
+    #[error(
+        "memory budget of {} MiB: {at}: the scene with what its alpha masks are cut into needs {} MiB by then; \
+         simplify their textures, or give at least --memory {}",
+        budget >> 20,
+        needed.div_ceil(1 << 20),
+        needed.div_ceil(1 << 20) + 1
+    )]
+    Memory {
+        /// Where.
+        at: String,
+        /// What was given, bytes.
+        budget: u64,
+        /// What was about to be held, bytes.
+        needed: u64,
+    },
+    /// The caller did not want to go on.
+    #[error("interrupted; nothing was loaded")]
+    Stopped,
     /// Right by its format, but not known here.
     #[error("{at}: expected {expected}, found {found}, which is not supported; export the scene without it")]
     Unsupported {

@@ -17,7 +17,7 @@ mod ply;
 mod polygon;
 #[cfg(test)]
 mod testing;
-mod text;
+pub(crate) mod text;
 
 use std::fs;
 use std::io::Read;
@@ -45,6 +45,23 @@ pub struct Loaded {
     pub notes: Vec<String>,
 }
 
+/// What loading may take. Only what alpha masks are cut into can outgrow a file by much, so only that is bounded: the
+/// mesh and what is cut out of it are counted, the file itself and what its format needs meanwhile are not.
+#[derive(Clone, Copy)]
+pub struct Bounds<'a> {
+    /// Most bytes to hold; none: no limit.
+    pub memory_bytes: Option<u64>,
+    /// Asked now and then, from any thread, while masks are cut: whether to go on. Between two times lie milliseconds,
+    /// and seconds where millions of lines cut one triangle.
+    pub keep_on: &'a (dyn Fn() -> bool + Sync),
+}
+
+impl Default for Bounds<'_> {
+    fn default() -> Self {
+        Bounds { memory_bytes: None, keep_on: &|| true }
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Format {
     Obj,
@@ -58,8 +75,16 @@ enum Format {
 /// # Errors
 /// [`LoadError`], one line that says what to do, if the file can't be read or isn't a scene.
 pub fn load(path: &Path) -> Result<Loaded, LoadError> {
+    load_within(path, &Bounds::default())
+}
+
+/// As [`load`], within bounds.
+///
+/// # Errors
+/// As [`load`]; [`Fault::Memory`] and [`Fault::Stopped`] besides.
+pub fn load_within(path: &Path, bounds: &Bounds) -> Result<Loaded, LoadError> {
     let bytes = read(path).map_err(|fault| LoadError { path: path.to_path_buf(), fault })?;
-    parse(path, &bytes)
+    parse_within(path, &bytes, bounds)
 }
 
 /// As [`load`], of bytes that are in memory; `path` names them and is where glTF looks for the files beside them.
@@ -67,6 +92,14 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
 /// # Errors
 /// [`LoadError`] if they aren't a scene.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, LoadError> {
+    parse_within(path, bytes, &Bounds::default())
+}
+
+/// As [`parse`], within bounds.
+///
+/// # Errors
+/// As [`load_within`].
+pub fn parse_within(path: &Path, bytes: &[u8], bounds: &Bounds) -> Result<Loaded, LoadError> {
     let scene = || {
         // Editors on Windows put a byte order mark before text.
         let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
@@ -75,7 +108,7 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, LoadError> {
             Format::Ply => ply::parse(bytes)?,
             Format::Gltf => gltf::parse(bytes, path.parent().unwrap_or(Path::new("")))?,
         };
-        cutout::cut(&mut scene)?;
+        cutout::cut(&mut scene, bounds)?;
         finish(&mut scene)?;
         Ok(scene)
     };
