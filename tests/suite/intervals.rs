@@ -1,9 +1,12 @@
 //! What the baker stores against the exact oracle, texel by texel.
 
 use umbrage::certify::{Oracle, Region};
+use umbrage::reader::query::PageView;
+use umbrage::reader::query::vector::descend;
 use umbrage::writer::hierarchy::build::{Options, build};
 use umbrage::writer::hierarchy::page::Page;
 use umbrage::writer::hierarchy::spool::Spool;
+use umbrage::writer::hierarchy::vector;
 use umbrage::writer::mesh::Mesh;
 use umbrage::writer::solid::{Policy, snap};
 use umbrage::writer::{frame, scene};
@@ -61,6 +64,26 @@ fn check(mesh: &Mesh, direction: [f64; 3], resolution: u32, policy: Policy, exha
     assert_eq!(t.thin, tree.counts.thin_texels, "{direction:?} {resolution} {policy:?}");
 }
 
+/// The same for kind `vector`, whose edge texels are counted by lines where lines prove a square.
+fn check_vector(mesh: &Mesh, direction: [f64; 3], resolution: u32, policy: Policy) {
+    let k = frame::log2_resolution(resolution.into()).unwrap();
+    let behind = if let Policy::Thickness(t) = policy { t } else { 0.0 };
+    let lattice = frame::orthographic(direction, k, &mesh.positions, behind).unwrap();
+    let snapped = snap(mesh, lattice, policy).unwrap();
+    let guard = if resolution == 64 { 1000 } else { 3 };
+    let options = Options { exhaustive: false, guard };
+    let tree = vector::build::build(&snapped, options, Spool::in_memory(), &Default::default()).unwrap();
+    let pages: Vec<Page> = tree.spool.pages(tree.root).map(Result::unwrap).collect();
+    let oracle = Oracle::new(&snapped).with_guard(guard);
+    let region = Region { x: 0, y: 0, width: resolution, height: resolution };
+    let page = |o: u32| {
+        let page = &pages[o as usize];
+        Some(PageView { words: &page.draft.words, first_child: page.first_child })
+    };
+    let t = oracle.check(region, |x, y| descend(page, 0, k, x, y, 0).value);
+    assert_eq!(t.wrong, 0, "{direction:?} {resolution} {policy:?}: {:?}", t.examples);
+}
+
 const LIGHTS: [[f64; 3]; 4] = [[0.4, -0.8, 0.3], [-0.23, -0.71, 0.52], [0.05, -0.99, -0.11], [0.83, -0.31, -0.4]];
 
 #[test]
@@ -70,6 +93,7 @@ fn generated_scenes_store_only_right_values() {
         for (i, d) in LIGHTS.into_iter().enumerate() {
             for resolution in [1, 16, 64, 256, 1024] {
                 check(&mesh, d, resolution, Policy::Closed, i == 1 && resolution <= 64);
+                check_vector(&mesh, d, resolution, Policy::Closed);
             }
         }
     }
@@ -159,6 +183,11 @@ fn adversarial_solids_store_only_right_values() {
             for resolution in [4, 32] {
                 check(&mesh, light, resolution, *policy, seed % 5 == 0);
             }
+            // splits are made above 256 texels on a side
+            if seed % 4 == 0 {
+                check_vector(&mesh, light, 512, *policy);
+            }
+            check_vector(&mesh, light, 32, *policy);
         }
     }
 }
