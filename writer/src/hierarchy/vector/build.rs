@@ -77,7 +77,7 @@ pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Prog
 }
 
 /// For each surface the edges at which the front of its solid ends, seen from the light (as many entering surfaces run
-/// along it one way as the other everywhere else), and its flattest neighbour.
+/// along it one way as the other everywhere else), and its neighbours.
 fn edges(surfaces: &[Surface]) -> Vec<Edges> {
     let edge = |s: &Surface, k: usize| {
         let j = (k + 1) % 3;
@@ -100,25 +100,14 @@ fn edges(surfaces: &[Surface]) -> Vec<Edges> {
         let (balance, runs) = found[&key];
         (balance == 0).then_some(runs[usize::from(way > 0)]).filter(|m| *m != n && *m != u32::MAX)
     };
-    let bend = |a: &Surface, b: &Surface| {
-        let (g, h) = (super::entry::gradient(a), super::entry::gradient(b));
-        (g[0] - h[0]).abs() + (g[1] - h[1]).abs()
-    };
-    let mut out: Vec<Edges> = vec![Edges::default(); surfaces.len()];
+    let mut out = vec![Edges { silhouettes: 0, across: [u32::MAX; 3] }; surfaces.len()];
     for (n, s) in (0..).zip(surfaces).filter(|(_, s)| s.event != Event::Wall) {
         let e = &mut out[n as usize];
-        let mut flattest = f64::INFINITY;
         for k in 0..3 {
             match across(n, s, k) {
                 None if s.event == Event::Enter => e.silhouettes |= 1 << k,
                 None => {}
-                Some(m) => {
-                    let b = bend(s, &surfaces[m as usize]);
-                    if b < flattest {
-                        flattest = b;
-                        e.mate = Some((k as u8, m));
-                    }
-                }
+                Some(m) => e.across[k] = m,
             }
         }
     }

@@ -47,12 +47,12 @@ struct Cut {
 }
 
 /// A surface's edges.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Edges {
     /// Those that bound the front of its solid, seen from the light: bits 0 to 2.
     pub silhouettes: u8,
-    /// Of the others the one with the flattest neighbour: its number, and that surface.
-    pub mate: Option<(u8, u32)>,
+    /// The surfaces behind the others, `u32::MAX` where there is none.
+    pub across: [u32; 3],
 }
 
 /// A part of the square and what answers it.
@@ -70,6 +70,8 @@ struct Tip {
     front: u32,
     end: u32,
     plane: Plane,
+    /// Texels inside the region whose interval is empty.
+    edges: u64,
     /// Up to this distance of front and end the stretch is known to begin and end there.
     far: f64,
 }
@@ -146,6 +148,7 @@ impl<'a> Search<'a> {
         if self.cells.len() > 1 && !self.sound(p, size) {
             return None;
         }
+        self.edge_texels += self.cells.iter().filter_map(|c| c.tip).map(|t| t.edges).sum::<u64>();
         Some(id)
     }
 
@@ -315,10 +318,11 @@ impl<'a> Search<'a> {
                         return Some((palette.entry(Entry::Plane(own)), None));
                     }
                 }
-                let mut tip = Tip { front, end, plane, far: 0.0 };
+                let mut tip = Tip { front, end, plane, edges: 0, far: 0.0 };
                 if let Some(bend) = self.is_tip(list, region, tip)
-                    && self.tip_fits(region, tip, bend)
+                    && let Some(edges) = self.tip_fits(region, tip, bend)
                 {
+                    tip.edges = edges;
                     tip.far = self.far(tip, bend);
                     return Some((palette.entry(Entry::Plane(plane)), Some(tip)));
                 }
@@ -465,19 +469,24 @@ impl<'a> Search<'a> {
         if self.polygon.covered(&self.rays, l, region, 3, part) {
             return Some((i, 0.0));
         }
-        let (own, mate) = self.edges[l.index as usize].mate?;
-        let other = list.iter().copied().find(|n| self.rays.locals[*n as usize].index == mate)?;
-        let m = &self.rays.locals[other as usize];
-        let shared = self.edges[m.index as usize].mate.filter(|b| b.1 == l.index)?.0;
-        if !self.polygon.covered(&self.rays, l, region, own, part)
-            || !self.polygon.covered(&self.rays, m, region, shared, part)
-        {
-            return None;
+        for (k, mate) in (0u8..).zip(self.edges[l.index as usize].across).filter(|a| a.1 != u32::MAX) {
+            let Some(other) = list.iter().copied().find(|n| self.rays.locals[*n as usize].index == mate) else {
+                continue;
+            };
+            let m = &self.rays.locals[other as usize];
+            let shared = self.edges[m.index as usize].across.iter().position(|b| *b == l.index);
+            let Some(shared) = shared else { continue };
+            if !self.polygon.covered(&self.rays, l, region, k, part)
+                || !self.polygon.covered(&self.rays, m, region, shared as u8, part)
+            {
+                continue;
+            }
+            self.polygon.region(region);
+            self.polygon.keep_plane(part[0], part[1], part[2]);
+            let (low, high) = self.polygon.range(m.z0 - l.z0, m.sx - l.sx, m.sy - l.sy);
+            return Some((other, low.abs().max(high.abs()) + m.eps + l.eps));
         }
-        self.polygon.region(region);
-        self.polygon.keep_plane(part[0], part[1], part[2]);
-        let (low, high) = self.polygon.range(m.z0 - l.z0, m.sx - l.sx, m.sy - l.sy);
-        Some((other, low.abs().max(high.abs()) + m.eps + l.eps))
+        None
     }
 
     /// Whether, where front and end are close, the stretch of every ray begins at the one and ends at the other, or at their
@@ -487,11 +496,11 @@ impl<'a> Search<'a> {
         let f = &self.rays.locals[tip.front as usize];
         let near = |far: f64| [f.sx - e.sx, f.sy - e.sy, far - (e.z0 - f.z0)];
         // a first guess without what the faces' neighbours add
-        let part = near(2.0 * self.far(tip, 0.0));
+        let part = near(1.2 * self.far(tip, 0.0));
         let (front, bend) = self.covers(list, &region, tip.front, part)?;
         let (end, more) = self.covers(list, &region, tip.end, part)?;
         let bend = bend + more;
-        if 4.0 * bend > self.far(tip, 0.0) {
+        if 4.0 * bend > 0.2 * self.far(tip, 0.0) {
             return None;
         }
         let other_end = &self.rays.locals[end as usize];
@@ -542,13 +551,14 @@ impl<'a> Search<'a> {
     fn far(&self, tip: Tip, bend: f64) -> f64 {
         let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
         let reach = (f.sx.abs() + f.sy.abs() + e.sx.abs() + e.sy.abs()) * self.scale.half();
-        // half a reach more than needed, so that the rounding of a gradient over a long face does no harm
-        1.5 * reach + 4.0 * f64::from(self.guard) + 10.0 + 4.0 * bend
+        // from twice the reach on the plane keeps its own reach from both, and the rounding of a gradient over a long face
+        // does no harm
+        2.2 * reach + 4.0 * f64::from(self.guard) + 10.0 + 4.0 * bend
     }
 
     /// Whether the tip's plane is right where front and end are close: for every texel inside the region, and for the
     /// centres of those that are not inside, or have an empty interval.
-    fn tip_fits(&mut self, region: Region<'_>, tip: Tip, bend: f64) -> bool {
+    fn tip_fits(&mut self, region: Region<'_>, tip: Tip, bend: f64) -> Option<u64> {
         let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
         let half = self.scale.half();
         let (h, k) = ((f.sx.abs() + f.sy.abs()) * half, (e.sx.abs() + e.sy.abs()) * half);
@@ -566,10 +576,11 @@ impl<'a> Search<'a> {
         let texel = 1i64 << self.scale.subtexel_bits;
         let t = texel as f64;
         if polygon.area() > MOST_TIPS * t * region.size as f64 {
-            return false;
+            return None;
         }
+        let mut edges = 0;
         let rows = polygon.extent(1);
-        let Some((first, last)) = rows else { return true };
+        let Some((first, last)) = rows else { return Some(0) };
         let clamp = |v: f64, axis: usize| {
             let (a, b) = (region.p[axis] / texel, (region.p[axis] + region.size) / texel - 1);
             ((v / t).floor() as i64).clamp(a, b)
@@ -590,17 +601,20 @@ impl<'a> Search<'a> {
                 let (low, high, width) = if room >= 2.0 + eps {
                     (front + h, end - k, room)
                 } else if room < -1.0 - eps {
+                    // those that a line crosses are counted with the line
+                    let whole = |l: &HalfPlane| l.at(c) >= (l.a.abs() + l.b.abs()) * (texel / 2);
+                    edges += u64::from(region.lines.iter().all(whole));
                     (front, end, end - front)
                 } else {
-                    return false;
+                    return None;
                 };
                 let guard = if width >= 4.0 * guard - 2.0 { guard } else { 0.0 };
                 if p - 2.0 - eps < low + guard || p + eps > high - guard {
-                    return false;
+                    return None;
                 }
             }
         }
-        true
+        Some(edges)
     }
 
     /// Whether all cells fit together, and every centre is told to be in the right one.
@@ -644,8 +658,8 @@ impl<'a> Search<'a> {
             if border.iter().any(|q| apart(q) > t.far) {
                 return false;
             }
-            let mate = self.edges[e.index as usize].mate.map(|m| m.1);
-            let ends = tip.list.iter().map(|n| &self.rays.locals[*n as usize]).filter(|l| Some(l.index) == mate);
+            let mates = self.edges[e.index as usize].across;
+            let ends = tip.list.iter().map(|n| &self.rays.locals[*n as usize]).filter(|l| mates.contains(&l.index));
             let ends: Vec<&Local> = ends.chain([e]).collect();
             other.list.iter().all(|n| {
                 ends.iter().all(|e| {
