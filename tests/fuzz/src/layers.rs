@@ -1,14 +1,16 @@
 //! OpenEXR files that nobody promised, as depth layers. What is accepted bakes, or is refused for its depths; what was
-//! baked passes the reader's `verify`, holds a value of its interval at every texel, by the oracle, and says at every
-//! texel of the first depth's ray what a comparison of depths says. The same bytes give the same layers. What is refused
-//! is refused in one line.
+//! baked passes the reader's `verify`, holds a value of its interval at every texel and stop errors that are large
+//! enough, by the oracle, and says at every texel of the first depth's ray what a comparison of depths says. The same
+//! bytes give the same layers. What is refused is refused in one line.
 
 use std::cell::Cell;
 use std::path::Path;
 use std::sync::{Arc, Once};
 
+use umbrage::certify::Region;
 use umbrage::certify::layers::{LayersTally, check};
-use umbrage_reader::query::mh::MhMap;
+use umbrage::certify::stop::{StopTally, Stops};
+use umbrage_reader::query::Map;
 use umbrage_reader::{Container, Limits, MemorySource};
 use umbrage_writer::hierarchy::build::Progress;
 use umbrage_writer::layers::openexr::{ExrLayers, ExrOptions, Placement, is_decoding};
@@ -85,11 +87,21 @@ fn bake(layers: &ExrLayers, square: Square, folder: &Folder) {
     let structure = file.structure(0).expect("one");
     assert_eq!(Second::of(structure.record()), Some(layers.second()));
     let guard = structure.record().depth_guard.get();
-    let map = MhMap::new(structure).expect("a map");
+    let map = Map::new(structure).expect("a map");
     let stored = |x, y| map.texel(x, y, 0).expect("a page").value;
     let mut tally = LayersTally::default();
-    check(&on_lattice, square, guard, &stored, &mut tally).expect("depths that were baked");
+    let resident = map.preload().expect("pages");
+    let stops = Stops::new(map.structure(), &resident).expect("records");
+    let side = map.resolution();
+    let (pages, mut stopped) = (stops.over(Region { x: 0, y: 0, width: side, height: side }), StopTally::default());
+    let stop = |texel, allowed| {
+        for page in pages.iter().filter(|p| p.holds(texel)) {
+            stopped.hold(page, texel, stops.answer(page, texel), allowed);
+        }
+    };
+    check(&on_lattice, square, guard, &stored, &mut tally, stop).expect("depths that were baked");
     assert_eq!((tally.texels, tally.wrong), (square.texels() as u64, 0), "{:?}", tally.examples);
+    assert_eq!(stopped.wrong, 0, "{:?}", stopped.examples);
     // The first surface itself is lit; where the solid is left or the next surface lies, it is dark.
     let mut buffer = TileBuffer::default();
     let mut seen = 0u64;

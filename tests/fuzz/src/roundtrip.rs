@@ -151,11 +151,11 @@ fn records(image: &Image, values: &[Vec<u32>], map: &Map, pages: &[Page]) {
             (min.min(v), max.max(v))
         });
         assert_eq!((r.min_depth.get(), r.max_depth.get()), (min, max), "depths of page {ordinal}");
-        let Some(above) = page.inherited else {
+        let Some([above, highest]) = page.inherited else {
             assert_eq!((ordinal, r.stop_error.get()), (0, u32::MAX));
             continue;
         };
-        assert_eq!(above, value(x0, y0, r.log2_x), "value above page {ordinal}");
+        assert_eq!([above, highest], [value(x0, y0, r.log2_x); 2], "value above page {ordinal}");
         let away = |i: Interval| i.min.saturating_sub(above).max(above.saturating_sub(i.max));
         let worst = square(r.log2_x).map(|(x, y)| away(image.at(x, y))).max();
         assert_eq!(Some(r.stop_error.get()), worst, "error without page {ordinal}");
@@ -218,7 +218,7 @@ pub fn run(data: &[u8]) {
     let node = image.build(At { level: log2, origin: [0, 0] }, mode & 2 == 0, &mut forest, &spool);
     let root = forest.finish(node, log2, &spool);
     let pages: Vec<Page> = spool.pages(root).map(|p| p.expect("what was put aside")).collect();
-    let inputs: Vec<_> = pages.iter().enumerate().map(|(i, p)| bake::input(p.clone(), i == 0)).collect();
+    let inputs: Vec<_> = pages.iter().enumerate().map(|(i, p)| bake::input(p.clone(), Kind::Mh, i == 0)).collect();
     let expected = |x: u32, y: u32, l: u8| values[usize::from(l)][((y >> l << (log2 - l)) + (x >> l)) as usize];
     let map = compare(Kind::Mh, log2, &inputs, expected);
     for (i, (want, stored)) in image.texels.iter().zip(&values[0]).enumerate() {

@@ -313,7 +313,15 @@ impl Tile<'_> {
         let mut ready = Vec::new();
         above.iter().for_each(|id| palette.simple(*id, &mut ready));
         ready.truncate(8);
-        match texels::block(palette, &intervals, at.origin, &ready, &planes, self.search.lines.then_some(&lines), self.cx.scale) {
+        match texels::block(
+            palette,
+            &intervals,
+            at.origin,
+            &ready,
+            &planes,
+            self.search.lines.then_some(&lines),
+            self.cx.scale,
+        ) {
             Block::One(id) => Node { exact, ..Node::leaf(id) },
             Block::Many(ids) => {
                 let mut quarters = [Node::leaf(OPEN); 4];
