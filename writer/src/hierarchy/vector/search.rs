@@ -527,14 +527,16 @@ impl<'a> Search<'a> {
         // elsewhere as in any region
         let (dx, dy) = (e.sx - f.sx, e.sy - f.sy);
         let largest = dx.abs().max(dy.abs());
+        // a normal of 2^24 keeps edge functions of a tile far below 2^62
         let by = 16777216.0 / largest;
-        if !by.is_finite() {
+        let offset = (e.z0 - f.z0 - self.far(tip, bend)) * by;
+        if !offset.is_finite() || offset.abs() > 4e18 {
             return None;
         }
         let (a, b) = ((dx * by).round(), (dy * by).round());
         // rounded toward the near part, within the square
         let reach = (region.p[0].abs() + region.p[1].abs() + 2 * region.size) as f64;
-        let c = ((e.z0 - f.z0 - self.far(tip, bend)) * by + reach + 2.0).ceil();
+        let c = (offset + reach + offset.abs() * 1e-15 + (f.eps + e.eps) * by + 2.0).ceil();
         let far = HalfPlane { a: a as i64, b: b as i64, c: c as i64 };
         let mut lines = region.lines.to_vec();
         lines.push(far);
