@@ -15,7 +15,8 @@
 //!
 //! A texel that two cells share is an edge texel if on the border between them, somewhere inside it, one cell's stretch ends
 //! before the other one's begins: then only its centre counts, and the centre's cell is told exactly. If both cells hold
-//! the same entry, that is right for all of the texel. Nothing else is accepted.
+//! the same entry and neither is a tip, that is right for all of the texel; so are two entries if each is proven for the other
+//! cell, as far as such texels reach. Nothing else is accepted.
 
 use umbrage_format::projection::UNCOVERED;
 
@@ -623,7 +624,10 @@ impl<'a> Search<'a> {
     fn sound(&mut self, p: [i64; 2], size: i64) -> bool {
         for i in 0..self.cells.len() {
             for j in i + 1..self.cells.len() {
-                if self.cells[i].entry != self.cells[j].entry && !self.apart(i, j, p, size) {
+                // a tip's plane is right for texels that lie inside its cell, and for centres of edge texels
+                let (a, b) = (&self.cells[i], &self.cells[j]);
+                let same = a.entry == b.entry && a.tip.is_none() && b.tip.is_none();
+                if !same && !self.apart(i, j, p, size) {
                     return false;
                 }
             }
