@@ -17,6 +17,7 @@ mod spec;
 #[allow(dead_code, reason = "of the reader's tests, which use all of it")]
 #[path = "../../reader/tests/suite/tree.rs"]
 mod tree;
+mod vector;
 #[allow(dead_code, reason = "of the reader's tests, which use all of it")]
 #[path = "../../reader/tests/suite/vector_tree.rs"]
 mod vector_tree;
