@@ -119,9 +119,9 @@ fn lights_of_both_kinds_lie_in_one_file() {
     }
 }
 
-/// What a record counts may differ by 1 % from what the source has, and no more.
+/// Edge texels of a record are an estimate; it must not tell of more thin texels than the source has.
 #[test]
-fn counts_of_edge_texels_are_held_within_a_hundredth() {
+fn counts_of_thin_texels_are_held_against_the_source() {
     let place = Place::new("vector-edges");
     bake(&place, "city.umb", &[]);
     let exact = json(&place, &["verify", "city.umb", "--source", CITY, "--json"], 0)["lights"][0].clone();
@@ -144,13 +144,7 @@ fn counts_of_edge_texels_are_held_within_a_hundredth() {
         let found = place.run(&["verify", "other.umb", "--source", CITY]);
         found.status.code()
     };
-    for (edge, thin, code) in [
-        (edge - edge / 100, 0, 0),
-        (edge + edge / 100, thin, 0),
-        (edge - edge / 100 - 1, thin, 1),
-        (edge + edge / 100 + 1, thin, 1),
-        (edge, thin + 1, 1),
-    ] {
+    for (edge, thin, code) in [(edge, 0, 0), (edge + edge / 2, thin, 0), (edge, thin + 1, 1)] {
         assert_eq!(stored(edge, thin), Some(code), "{edge} {thin}");
     }
 }

@@ -175,7 +175,7 @@ impl Context<'_> {
     fn merge(&self, at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interval; 16]]) -> Node {
         let mut node = merge(at, children, forest, exact, self.scale);
         if self.scale.log2_resolution - at.level + 1 >= COARSE_DEPTH {
-            forest.cut(&mut node, at, children, self.scale, self.spool);
+            forest.cut(&mut node, at, children, self.spool);
         }
         node
     }
@@ -242,7 +242,7 @@ impl Tile<'_> {
             return self.block(at, start, above);
         }
         if at.level == 0 {
-            let interval = self.texel(start, start, p, size);
+            let interval = self.texel(start, p, size);
             let v = super::search::fewest_bits(interval);
             return Node::leaf(self.forest.palette.entry(Entry::Constant(v)));
         }
@@ -275,7 +275,7 @@ impl Tile<'_> {
     }
 
     /// The exact interval of a texel whose surfaces stand in the stack from `start`.
-    fn texel(&mut self, start: usize, _: usize, p: [i64; 2], size: i64) -> Interval {
+    fn texel(&mut self, start: usize, p: [i64; 2], size: i64) -> Interval {
         self.counts.texels_evaluated += 1;
         let guard = self.cx.guard;
         let truth = texel(&self.rays, &self.stack[start..], p, size, wide(guard), &mut self.scratch);
@@ -296,7 +296,7 @@ impl Tile<'_> {
         for n in 0..16i64 {
             let q = [p[0] + (n & 3) * size, p[1] + (n >> 2) * size];
             self.descend(start, end, q, size);
-            intervals[n as usize] = self.texel(end, end, q, size);
+            intervals[n as usize] = self.texel(end, q, size);
             let centre = q.map(|c| c + size / 2);
             for plane in self.search.guesses(&self.stack[end..], centre).into_iter().flatten() {
                 if !planes.contains(&plane) && planes.len() < 12 {
@@ -347,7 +347,7 @@ fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interv
     let agrees = |entry: EntryId, c: usize| {
         let (node, at) = (&children[c], at.child(c));
         node.entry == entry
-            || resolve(palette, entry, at, scale) == node.entry
+            || resolve(palette, entry, at) == node.entry
             || exact
                 .get(node.exact as usize)
                 .is_some_and(|intervals| texels::answers(palette, entry, intervals, at.origin, scale))
@@ -424,9 +424,9 @@ fn shares(children: &[Node; 4]) -> [(EntryId, f32); SHARES] {
 }
 
 /// What an entry comes to in a square: the side of a split where all centres are on one.
-pub fn resolve(palette: &Palette, mut id: EntryId, at: At, scale: Scale) -> EntryId {
+pub fn resolve(palette: &Palette, mut id: EntryId, at: At) -> EntryId {
     while let Entry::Split { line, near, beyond } = palette.get(id) {
-        match side(&palette.lines[line as usize], at, scale) {
+        match side(&palette.lines[line as usize], at) {
             Some(true) => id = beyond,
             Some(false) => id = near,
             None => break,
@@ -436,7 +436,7 @@ pub fn resolve(palette: &Palette, mut id: EntryId, at: At, scale: Scale) -> Entr
 }
 
 /// Whether all texel centres of a square lie beyond a line, or before it, whatever page tells.
-fn side(line: &Line, at: At, _: Scale) -> Option<bool> {
+fn side(line: &Line, at: At) -> Option<bool> {
     let side = 256i64 << at.level;
     let [u, t] = if line.axis { [at.origin[1], at.origin[0]] } else { at.origin }.map(|o| i64::from(o) << 8);
     let ends = [line.boundary(u), line.boundary(u + side)];

@@ -7,4 +7,5 @@ pub mod build;
 pub mod entry;
 pub mod page;
 pub mod search;
+pub mod segment;
 pub mod texels;

@@ -121,15 +121,15 @@ impl Forest {
     }
 
     /// Moves the largest subtrees below the node's children into pages until the rest fits [`PAGE_WORDS`].
-    pub fn cut(&mut self, node: &mut Node, at: At, children: &mut [Node; 4], scale: Scale, spool: &Spool) {
+    pub fn cut(&mut self, node: &mut Node, at: At, children: &mut [Node; 4], spool: &Spool) {
         while node.cost > PAGE_WORDS * 16 {
-            node.cost = Sheet::gather(self, node.below, at, scale, false).cost();
+            node.cost = Sheet::gather(self, node.below, at).cost();
             if node.cost <= PAGE_WORDS * 16 {
                 return;
             }
             let largest = (0..4).filter(|c| children[*c].below & CUT == 0).max_by_key(|c| (children[*c].cost, 4 - c));
             let Some(c) = largest else { return };
-            let page = self.draft(children[c].below, at.child(c), false, scale, spool);
+            let page = self.draft(children[c].below, at.child(c), spool);
             let cut = CUT | spool.push(&page);
             self.groups[node.below as usize].below[c] = cut;
             children[c] = Node { below: cut, cost: 0, ..children[c] };
@@ -137,9 +137,8 @@ impl Forest {
     }
 
     /// The page of the group below the node at `at`, or of the whole map.
-    fn draft(&self, group: u32, at: At, root: bool, scale: Scale, spool: &Spool) -> Draft {
-        let sheet = Sheet::gather(self, group, at, scale, root);
-        sheet.draft(spool)
+    fn draft(&self, group: u32, at: At, spool: &Spool) -> Draft {
+        Sheet::gather(self, group, at).draft(spool)
     }
 
     /// Makes the root page; returns its number.
@@ -151,7 +150,7 @@ impl Forest {
         let top = self.groups.len() as u32 - 1;
         let at = At { level: scale.log2_resolution + 1, origin: [0, 0] };
         loop {
-            let sheet = Sheet::gather(&self, top, at, scale, true);
+            let sheet = Sheet::gather(&self, top, at);
             if sheet.cost() <= ROOT_WORDS * 16 {
                 return spool.push(&sheet.draft(spool));
             }
@@ -167,7 +166,7 @@ impl Forest {
                 return spool.push(&sheet.draft(spool));
             }
             for (cost, group, c, at) in found {
-                let page = self.draft(self.groups[group as usize].below[c], at, false, scale, spool);
+                let page = self.draft(self.groups[group as usize].below[c], at, spool);
                 self.groups[group as usize].below[c] = CUT | spool.push(&page);
                 if much <= cost {
                     break;
@@ -226,7 +225,6 @@ struct Own {
 struct Sheet<'a> {
     palette: &'a Palette,
     origin: [u32; 2],
-    side: u8,
     root_level: u8,
     masks: Vec<u8>,
     own: Vec<Own>,
@@ -241,12 +239,10 @@ struct Sheet<'a> {
 }
 
 impl<'a> Sheet<'a> {
-    fn gather(forest: &'a Forest, group: u32, at: At, scale: Scale, root: bool) -> Self {
-        let _ = scale;
+    fn gather(forest: &'a Forest, group: u32, at: At) -> Self {
         let mut sheet = Sheet {
             palette: &forest.palette,
             origin: at.origin,
-            side: if root { at.level - 1 } else { at.level },
             root_level: at.level - 1,
             masks: Vec::new(),
             own: Vec::new(),
@@ -409,7 +405,6 @@ impl<'a> Sheet<'a> {
             join((span[0], span[1]));
             refs.push(DraftRef { page: *page, inherited: inherited.map(|(a, b)| [a, b]) });
         }
-        let _ = self.side;
         Draft {
             words,
             refs,

@@ -20,7 +20,8 @@
 
 use umbrage_format::projection::UNCOVERED;
 
-use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, between, gradient};
+use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, between};
+use super::segment::{border, clip_segment, clip_to_surface};
 use crate::interval::proof::{HalfPlane, Polygon, Prover, Region};
 use crate::interval::ray::{RayScratch, Rays, Stretch};
 use crate::interval::triangle::Local;
@@ -716,7 +717,6 @@ impl<'a> Search<'a> {
         let corner = self.rays.corner.map(|c| c >> bits);
         let (first, count) = (p.map(|v| v >> bits), size >> bits);
         let mut crossed = 0;
-        let mut before: Option<i64> = None;
         for n in first[u]..first[u] + count {
             let place = (corner[u] + n) * 256;
             let boundary = line.boundary(place + 128) - (corner[t] << 20);
@@ -726,7 +726,6 @@ impl<'a> Search<'a> {
             let next = (line.boundary(place + 256) - (corner[t] << 20)) >> 20;
             let (low, high) = (edge.min(next).max(first[t]), edge.max(next).min(first[t] + count - 1));
             crossed += (high - low + 1).max(0) as u64;
-            let _ = &mut before;
             for (c, is_beyond) in [(at, true), (at - 1, false)] {
                 if c < first[t] || c >= first[t] + count {
                     continue;
@@ -767,11 +766,6 @@ impl<'a> Search<'a> {
     pub fn silhouettes(&mut self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
         self.candidates(list, Region::square(p, size), most, &[]).into_iter().map(|c| c.line).collect()
     }
-
-    /// Whether the front at the point is level, so that constants do as well as planes.
-    pub fn is_level(&self, list: &[u32], centre: [i64; 2]) -> bool {
-        self.front(list, centre).is_none_or(|f| gradient(&self.rays.surfaces[self.local(f).index as usize]) == [0.0; 2])
-    }
 }
 
 /// The value of the interval that ends in the most zero bits.
@@ -784,51 +778,4 @@ pub fn fewest_bits(interval: Interval) -> u32 {
     let top = 31 - (min ^ max).leading_zeros();
     let v = max >> top << top;
     if min & ((1u32 << top) - 1) == 0 && min.trailing_zeros() > top { min } else { v }
-}
-
-/// The part of a segment in the region, or nothing.
-fn clip_segment(ends: [[f64; 2]; 2], region: &Region<'_>) -> Option<[[f64; 2]; 2]> {
-    let (p, s) = (region.p.map(|v| v as f64), region.size as f64);
-    let square = [[1.0, 0.0, -p[0]], [-1.0, 0.0, p[0] + s], [0.0, 1.0, -p[1]], [0.0, -1.0, p[1] + s]];
-    let lines = region.lines.iter().map(|l| [l.a as f64, l.b as f64, l.c as f64]);
-    clip(ends, square.into_iter().chain(lines), 0.0)
-}
-
-/// The part of a segment over a surface, or within a little of it.
-fn clip_to_surface(ends: [[f64; 2]; 2], l: &Local) -> Option<[[f64; 2]; 2]> {
-    clip(ends, (0..3).map(|k| [l.a[k] as f64, l.b[k] as f64, l.c[k] as f64]), 1.0 / 512.0)
-}
-
-fn clip(ends: [[f64; 2]; 2], planes: impl Iterator<Item = [f64; 3]>, margin: f64) -> Option<[[f64; 2]; 2]> {
-    let (mut from, mut to) = (0.0f64, 1.0f64);
-    for [a, b, c] in planes {
-        let at = |p: [f64; 2]| a * p[0] + b * p[1] + c + (a.abs() + b.abs()) * margin;
-        let (e, f) = (at(ends[0]), at(ends[1]));
-        if e < 0.0 && f < 0.0 {
-            return None;
-        }
-        if e < 0.0 {
-            from = from.max(e / (e - f));
-        } else if f < 0.0 {
-            to = to.min(e / (e - f));
-        }
-    }
-    let at = |t: f64| [0, 1].map(|i| ends[0][i] + (ends[1][i] - ends[0][i]) * t);
-    (from < to).then(|| [at(from), at(to)])
-}
-
-/// The part of a line in the region and a little around it.
-fn border(line: &HalfPlane, region: &Region<'_>) -> Option<[[f64; 2]; 2]> {
-    let (a, b, c) = (line.a as f64, line.b as f64, line.c as f64);
-    let n = a * a + b * b;
-    let s = region.size as f64;
-    let middle = [region.p[0] as f64 + s / 2.0, region.p[1] as f64 + s / 2.0];
-    let d = (a * middle[0] + b * middle[1] + c) / n;
-    let foot = [middle[0] - a * d, middle[1] - b * d];
-    let along = [-b / n.sqrt() * 2.0 * s, a / n.sqrt() * 2.0 * s];
-    let ends = [[foot[0] - along[0], foot[1] - along[1]], [foot[0] + along[0], foot[1] + along[1]]];
-    let p = region.p.map(|v| v as f64);
-    let square = [[1.0, 0.0, -p[0]], [-1.0, 0.0, p[0] + s], [0.0, 1.0, -p[1]], [0.0, -1.0, p[1] + s]];
-    let lines = region.lines.iter().map(|l| [l.a as f64, l.b as f64, l.c as f64]);
-    clip(ends, square.into_iter().chain(lines), 1.0 / 512.0)
 }

@@ -46,7 +46,7 @@ pub fn block(
             options.push((entry, right(entry), false));
         }
     }
-    if let Some(id) = split(palette, &options, ready, intervals, origin, lines.map_or(&[], Vec::as_slice), scale) {
+    if let Some(id) = split(palette, &options, intervals, origin, lines.map_or(&[], Vec::as_slice)) {
         return Block::One(id);
     }
     while left != 0 {
@@ -93,13 +93,10 @@ pub fn block(
 fn split(
     palette: &mut Palette,
     options: &[(Entry, u32, bool)],
-    ready: &[EntryId],
     intervals: &[Interval; 16],
     origin: [u32; 2],
     lines: &[Line],
-    scale: Scale,
 ) -> Option<EntryId> {
-    let _ = ready;
     // entries that exist cost nothing, the others what they take in a page
     let price = |o: &(Entry, u32, bool)| if o.2 { 0 } else { 3 };
     let whole = options.iter().filter(|o| o.1 == 0xFFFF).min_by_key(|o| price(o));
@@ -120,7 +117,7 @@ fn split(
     };
     let mut best: Option<(u32, Line, Entry, Entry)> = None;
     for &line in lines {
-        let Some(beyond) = beyond(&line, origin, scale) else { continue };
+        let Some(beyond) = beyond(&line, origin) else { continue };
         if beyond == 0 || beyond == 0xFFFF {
             continue;
         }
@@ -136,7 +133,7 @@ fn split(
 }
 
 /// Which texels' centres lie beyond the line, whatever page tells; nothing where one is too close.
-fn beyond(line: &Line, origin: [u32; 2], _: Scale) -> Option<u32> {
+fn beyond(line: &Line, origin: [u32; 2]) -> Option<u32> {
     (0..16u32).try_fold(0u32, |m, n| {
         let centre = [origin[0] + n % 4, origin[1] + n / 4].map(|v| i64::from(v) * 256 + 128);
         line.tells(centre).map(|b| m | u32::from(b) << n)
