@@ -35,6 +35,10 @@ const PROOF_LIST: usize = 48;
 const CUT_LIST: usize = 32;
 /// Maps up to here are so small that the root page holds most of them, where splits and masks can't refer to everything.
 pub const SMALL_LOG2: u8 = 8;
+/// Edges between faces of which cuts are tried.
+const MOST_CREASES: usize = 2;
+/// Difference of two faces' slopes, as a share of them, from which on the edge between them counts.
+const BEND: f64 = 0.05;
 /// Texels that are looked at one by one, for each texel of the square's side.
 const MOST_TIPS: f64 = 12.0;
 
@@ -179,7 +183,11 @@ impl<'a> Search<'a> {
             return None;
         }
         // one line alone: see NOTES.md
-        for cut in self.candidates(list, region, 1, path) {
+        let mut cuts = self.candidates(list, region, 1, path);
+        if cuts.is_empty() {
+            cuts = self.creases(list, region, path);
+        }
+        for cut in cuts {
             let (cuts, cells) = (self.cuts.len(), self.cells.len());
             let number = match self.cuts.iter().position(|c| c.line == cut.line) {
                 Some(n) => n,
@@ -238,29 +246,63 @@ impl<'a> Search<'a> {
                 if edges >> k & 1 == 0 || (l.a[k] == 0 && l.b[k] == 0) {
                     continue;
                 }
-                let inside = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
-                let s = &self.rays.surfaces[l.index as usize];
-                let corner = |j: usize| {
-                    [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a])
-                };
-                let ends = [corner(k), corner(k + 1)];
-                let Some(part) = clip_segment(ends.map(|e| e.map(|v| v as f64)), &region) else { continue };
-                let middle = [0, 1].map(|a| (part[0][a] + part[1][a]) / 2.0);
-                let z = l.z0 + l.sx * middle[0] + l.sy * middle[1];
-                let absolute = ends.map(|e| [e[0] + self.rays.corner[0], e[1] + self.rays.corner[1]]);
-                // the same whichever triangle it comes from
-                let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
-                let Some(line) = Line::through(a, b, self.scale) else { continue };
+                let Some(cut) = self.cut(i, k, &region) else { continue };
+                let line = cut.1.line;
                 if found.iter().any(|f| f.1.line == line) || path.iter().any(|c| self.cuts[c.0].line == line) {
                     continue;
                 }
-                let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
-                found.push((z, Cut { inside, line, beyond }));
+                found.push(cut);
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         found.truncate(most);
         found.into_iter().map(|f| f.1).collect()
+    }
+
+    /// Edge `k` of a surface where it runs through the region, and its depth there.
+    fn cut(&self, i: u32, k: usize, region: &Region<'_>) -> Option<(f64, Cut)> {
+        let l = &self.rays.locals[i as usize];
+        let inside = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
+        let s = &self.rays.surfaces[l.index as usize];
+        let corner =
+            |j: usize| [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a]);
+        let ends = [corner(k), corner(k + 1)];
+        let part = clip_segment(ends.map(|e| e.map(|v| v as f64)), region)?;
+        let middle = [0, 1].map(|a| (part[0][a] + part[1][a]) / 2.0);
+        let z = l.z0 + l.sx * middle[0] + l.sy * middle[1];
+        let absolute = ends.map(|e| [e[0] + self.rays.corner[0], e[1] + self.rays.corner[1]]);
+        // the same whichever triangle it comes from
+        let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
+        let line = Line::through(a, b, self.scale)?;
+        let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
+        Some((z, Cut { inside, line, beyond }))
+    }
+
+    /// Edges between two faces of the front, or of the end behind it, through the region.
+    fn creases(&mut self, list: &[u32], region: Region<'_>, path: &[(usize, bool)]) -> Vec<Cut> {
+        let Some(sample) = self.prover.sample(&region) else { return Vec::new() };
+        let Some(front) = self.front(list, sample) else { return Vec::new() };
+        let mut found: Vec<Cut> = Vec::new();
+        for i in [Some(front), self.end(list, sample, front)].into_iter().flatten() {
+            let l = &self.rays.locals[i as usize];
+            for (k, mate) in self.edges[l.index as usize].across.into_iter().enumerate() {
+                if l.a[k] == 0 && l.b[k] == 0 {
+                    continue;
+                }
+                let Some(&other) = list.iter().find(|n| self.local(**n).index == mate) else { continue };
+                let m = self.local(other);
+                let bend = (m.sx - l.sx).abs() + (m.sy - l.sy).abs();
+                if bend < (m.sx.abs() + m.sy.abs() + l.sx.abs() + l.sy.abs()) * BEND {
+                    continue;
+                }
+                let Some((_, cut)) = self.cut(i, k, &region) else { continue };
+                if !found.iter().any(|f| f.line == cut.line) && !path.iter().any(|c| self.cuts[c.0].line == cut.line) {
+                    found.push(cut);
+                }
+            }
+        }
+        found.truncate(MOST_CREASES);
+        found
     }
 
     /// One constant or plane for the whole region.
