@@ -24,7 +24,8 @@ use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, be
 use super::segment::{border, clip_segment, clip_to_surface};
 use crate::interval::proof::{HalfPlane, Polygon, Prover, Region};
 use crate::interval::ray::{RayScratch, Rays, Stretch};
-use crate::interval::triangle::Local;
+use crate::interval::texel::{Scratch, texel};
+use crate::interval::triangle::{Cover, Local};
 use crate::interval::{Event, Interval, wide};
 
 /// Most cuts of a square.
@@ -37,6 +38,8 @@ const CUT_LIST: usize = 32;
 pub const SMALL_LOG2: u8 = 8;
 /// Edges between faces of which cuts are tried.
 const MOST_CREASES: usize = 2;
+/// Texels on borders of cells that are looked at one by one, for each texel of the square's side.
+const DOUBTS: usize = 4;
 /// Difference of two faces' slopes, as a share of them, from which on the edge between them counts.
 const BEND: f64 = 0.05;
 /// Texels that are looked at one by one, for each texel of the square's side.
@@ -94,6 +97,8 @@ pub struct Search<'a> {
     pub edges: &'a [Edges],
     /// Texels that were found to be edge texels, by the lines through them.
     pub edge_texels: u64,
+    /// Texels that were looked at one by one.
+    pub looked: u64,
     /// Whether squares are cut.
     pub lines: bool,
     prover: Prover,
@@ -104,6 +109,10 @@ pub struct Search<'a> {
     ray: RayScratch,
     /// Places of rays, and their stretches.
     probes: Vec<([i64; 2], i64, i64)>,
+    /// Texels that are looked at one by one.
+    doubtful: Vec<[i64; 2]>,
+    near: Vec<u32>,
+    scratch: Scratch,
 }
 
 impl<'a> Search<'a> {
@@ -115,6 +124,7 @@ impl<'a> Search<'a> {
             guard,
             edges,
             edge_texels: 0,
+            looked: 0,
             lines: scale.log2_resolution > SMALL_LOG2,
             prover: Prover::default(),
             polygon: Polygon::default(),
@@ -123,6 +133,9 @@ impl<'a> Search<'a> {
             simple: Vec::new(),
             ray: RayScratch::default(),
             probes: Vec::new(),
+            doubtful: Vec::new(),
+            near: Vec::new(),
+            scratch: Scratch::default(),
         }
     }
 
@@ -151,7 +164,7 @@ impl<'a> Search<'a> {
         }
         self.simple.truncate(6);
         let id = self.cell(palette, list, p, size, &mut Vec::new())?;
-        if self.cells.len() > 1 && !self.sound(p, size) {
+        if self.cells.len() > 1 && !self.sound(palette, id, list, p, size) {
             return None;
         }
         self.edge_texels += self.cells.iter().filter_map(|c| c.tip).map(|t| t.edges).sum::<u64>();
@@ -283,8 +296,13 @@ impl<'a> Search<'a> {
         let Some(sample) = self.prover.sample(&region) else { return Vec::new() };
         let Some(front) = self.front(list, sample) else { return Vec::new() };
         let mut found: Vec<Cut> = Vec::new();
-        for i in [Some(front), self.end(list, sample, front)].into_iter().flatten() {
+        // their faces may consist of several triangles
+        let mut faces: Vec<u32> = [Some(front), self.end(list, sample, front)].into_iter().flatten().collect();
+        let mut n = 0;
+        while n < faces.len() && found.len() < MOST_CREASES {
+            let i = faces[n];
             let l = &self.rays.locals[i as usize];
+            n += 1;
             for (k, mate) in self.edges[l.index as usize].across.into_iter().enumerate() {
                 if l.a[k] == 0 && l.b[k] == 0 {
                     continue;
@@ -293,6 +311,9 @@ impl<'a> Search<'a> {
                 let m = self.local(other);
                 let bend = (m.sx - l.sx).abs() + (m.sy - l.sy).abs();
                 if bend < (m.sx.abs() + m.sy.abs() + l.sx.abs() + l.sy.abs()) * BEND {
+                    if faces.len() < 6 && !faces.contains(&other) {
+                        faces.push(other);
+                    }
                     continue;
                 }
                 let Some((_, cut)) = self.cut(i, k, &region) else { continue };
@@ -664,14 +685,19 @@ impl<'a> Search<'a> {
     }
 
     /// Whether all cells fit together, and every centre is told to be in the right one.
-    fn sound(&mut self, p: [i64; 2], size: i64) -> bool {
+    fn sound(&mut self, palette: &Palette, id: EntryId, list: &[u32], p: [i64; 2], size: i64) -> bool {
+        self.doubtful.clear();
+        let most = DOUBTS * (size >> self.scale.subtexel_bits) as usize + 8;
         for i in 0..self.cells.len() {
             for j in i + 1..self.cells.len() {
                 // a tip's plane is right for texels that lie inside its cell, and for centres of edge texels
                 let (a, b) = (&self.cells[i], &self.cells[j]);
                 let same = a.entry == b.entry && a.tip.is_none() && b.tip.is_none();
                 if !same && !self.apart(i, j, p, size) {
-                    return false;
+                    self.shared(i, j, p, size);
+                    if self.doubtful.len() > most {
+                        return false;
+                    }
                 }
             }
         }
@@ -682,8 +708,59 @@ impl<'a> Search<'a> {
                 None => return false,
             }
         }
+        let mut doubtful = std::mem::take(&mut self.doubtful);
+        doubtful.sort_unstable();
+        doubtful.dedup();
+        let right = doubtful.iter().all(|t| self.is_right(palette, id, list, *t));
+        self.doubtful = doubtful;
         self.edge_texels += edges;
-        true
+        right
+    }
+
+    /// Puts the texels that both cells may share on the list of those that are looked at one by one.
+    fn shared(&mut self, i: usize, j: usize, p: [i64; 2], size: i64) {
+        let (a, b) = (&self.cells[i], &self.cells[j]);
+        let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return };
+        let cut = a.path[at].0;
+        let Cut { line, .. } = self.cuts[cut];
+        let mut lines = self.half_planes(&a.path);
+        lines.extend(self.half_planes(&b.path));
+        let (u, t) = if line.axis { (1, 0) } else { (0, 1) };
+        let bits = self.scale.subtexel_bits;
+        let texel = 1i64 << bits;
+        let corner = self.rays.corner.map(|c| c >> bits);
+        let (first, count) = (p.map(|v| v >> bits), size >> bits);
+        for n in first[u]..first[u] + count {
+            let place = (corner[u] + n) * 256;
+            let ends = [place, place + 256].map(|u| line.boundary(u) - (corner[t] << 20));
+            let (low, high) = (ends[0].min(ends[1]) - 8, ends[0].max(ends[1]) + 8);
+            for m in (low >> 20).max(first[t])..=(high >> 20).min(first[t] + count - 1) {
+                let mut q = [0; 2];
+                (q[u], q[t]) = (n * texel, m * texel);
+                let out = |l: &HalfPlane| l.at(q) + (l.a.max(0) + l.b.max(0)) * texel <= 0;
+                if !lines.iter().any(out) {
+                    self.doubtful.push(q);
+                }
+            }
+        }
+    }
+
+    /// Whether what is stored for the texel at `q` lies in its exact interval.
+    fn is_right(&mut self, palette: &Palette, mut id: EntryId, list: &[u32], q: [i64; 2]) -> bool {
+        let bits = self.scale.subtexel_bits;
+        let size = 1i64 << bits;
+        self.near.clear();
+        self.near.extend(list.iter().copied().filter(|i| self.rays.locals[*i as usize].cover(q[0], q[1], size) != Cover::None));
+        let [x, y] = [0, 1].map(|i| ((q[i] + self.rays.corner[i]) >> bits) as u32);
+        while let Entry::Split { line, near, beyond } = palette.get(id) {
+            match palette.lines[line as usize].tells([x, y].map(|v| i64::from(v) * 256 + 128)) {
+                Some(b) => id = if b { beyond } else { near },
+                None => return false,
+            }
+        }
+        self.looked += 1;
+        let truth = texel(&self.rays, &self.near, q, size, wide(self.guard), &mut self.scratch);
+        super::texels::allows(palette.get(id), truth.interval.guarded(self.guard), [x, y], 0, self.scale)
     }
 
     /// Whether every texel that both cells share has an empty area interval, or is shared with a border of no length.
