@@ -109,6 +109,9 @@ pub struct Search<'a> {
     ray: RayScratch,
     /// Places of rays, and their stretches.
     probes: Vec<([i64; 2], i64, i64)>,
+    /// Places of rays, and the sides of edges that they take.
+    places: Vec<([i64; 2], [i64; 2])>,
+    inner: Vec<[i64; 2]>,
     /// Texels that are looked at one by one.
     doubtful: Vec<[i64; 2]>,
     near: Vec<u32>,
@@ -133,6 +136,8 @@ impl<'a> Search<'a> {
             simple: Vec::new(),
             ray: RayScratch::default(),
             probes: Vec::new(),
+            places: Vec::new(),
+            inner: Vec::new(),
             doubtful: Vec::new(),
             near: Vec::new(),
             scratch: Scratch::default(),
@@ -401,14 +406,25 @@ impl<'a> Search<'a> {
         self.probes.clear();
         let (p, far) = (region.p, region.p.map(|v| v + region.size));
         let corners = [(p, [1, 1]), ([far[0], p[1]], [-1, 1]), ([p[0], far[1]], [1, -1]), (far, [-1, -1])];
-        let corners = if region.lines.is_empty() { &corners[..] } else { &[] };
-        for (q, d) in [(sample, [1, 1])].iter().chain(corners) {
-            match self.rays.stretch(list, *q, *d, &mut self.ray) {
-                Stretch::Uncovered => return false,
-                Stretch::Covered { lo, hi } => self.probes.push((*q, lo, hi)),
-            }
+        let mut places = std::mem::take(&mut self.places);
+        places.clear();
+        places.push((sample, [1, 1]));
+        if region.lines.is_empty() {
+            places.extend(corners);
+        } else {
+            self.inner.clear();
+            region.corners(&mut self.polygon, &mut self.inner);
+            places.extend(self.inner.iter().map(|q| (*q, [1, 1])));
         }
-        true
+        let met = places.iter().all(|(q, d)| match self.rays.stretch(list, *q, *d, &mut self.ray) {
+            Stretch::Uncovered => false,
+            Stretch::Covered { lo, hi } => {
+                self.probes.push((*q, lo, hi));
+                true
+            }
+        });
+        self.places = places;
+        met
     }
 
     /// Whether an entry is right on the rays of the probe.
