@@ -1,6 +1,7 @@
 //! The runtime against the reader and against its CPU twin, on a real driver: Mesa's software Vulkan is enough, and a
 //! machine without one fails here with the line that installs it.
 
+mod bare;
 #[path = "../../examples/engine.rs"]
 mod engine;
 mod later;
@@ -10,4 +11,8 @@ mod support;
 #[allow(dead_code)]
 #[path = "../../../reader/tests/suite/tree.rs"]
 mod tree;
+// The naive tree of kind `vector`.
+#[allow(dead_code)]
+#[path = "../../../reader/tests/suite/vector_tree.rs"]
+mod vector_tree;
 mod view;
