@@ -69,11 +69,17 @@ pub fn random_tree(name: &str, seed: u64, log2: u8, cuts: &[u8]) -> (Naive, Vec<
     (tree, bytes)
 }
 
-/// A random tree of kind `vector` in a file of many pages.
+/// A random tree of kind `vector` in a file of at least 10 pages; the first from `seed` on that has so many.
 pub fn random_vector(name: &str, seed: u64, log2: u8, bushy: u32) -> (Node, Vec<u8>) {
-    let mut dice = Dice(seed);
-    let tree = vector_tree::grow(&mut |n| dice.roll(n), log2, true, bushy);
-    let pages = vector_tree::pages(&tree, log2);
+    let (tree, pages) = (seed..)
+        .map(|seed| {
+            let mut dice = Dice(seed);
+            let tree = vector_tree::grow(&mut |n| dice.roll(n), log2, true, bushy);
+            let pages = vector_tree::pages(&tree, log2);
+            (tree, pages)
+        })
+        .find(|(_, pages)| pages.len() >= 10)
+        .unwrap();
     let record = structure("sun", Kind::Vector, log2, pages.len());
     let bytes = write(name, ContainerOptions::new(ID), &[(record, pages)]);
     (tree, bytes)

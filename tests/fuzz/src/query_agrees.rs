@@ -5,10 +5,10 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use umbrage_format::Kind;
-use umbrage_reader::query::mh::{PageView, descend};
+use umbrage_reader::query::{PageView, mh, vector};
 use umbrage_reader::{CheckedPage, Structure};
 use umbrage_runtime::gpu::Kernels;
-use umbrage_runtime::query::mh::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, NONE, Pool, WORD_SHIFT};
+use umbrage_runtime::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, NONE, Pool, WORD_SHIFT};
 use umbrage_runtime::{GpuStreamer, Headless};
 
 use crate::open::{container, steps};
@@ -30,7 +30,7 @@ fn streamer(structure: &Structure) -> Option<GpuStreamer> {
     match KERNELS.get() {
         Some(kernels) => gpu.use_kernels(kernels.clone()),
         None => {
-            let _ = KERNELS.set(gpu.kernels().expect("kind mh has kernels"));
+            let _ = KERNELS.set(gpu.kernels().expect("kinds with a layout have kernels"));
         }
     }
     Some(gpu)
@@ -59,7 +59,7 @@ fn compare(structure: &Structure) {
         .collect();
     let answers = gpu.answer(0, &queries).expect("answers");
     let (words, table) = gpu.read_back().expect("bytes");
-    let pool = Pool { words: &words, table: &table, log2_resolution: log2 };
+    let pool = Pool { words: &words, table: &table, kind: structure.kind(), log2_resolution: log2 };
     let pages: Vec<Option<CheckedPage>> = (0u32..)
         .zip(&table)
         .map(|(o, e)| (e[0] != NONE).then(|| structure.page(o).expect("it was uploaded")))
@@ -74,7 +74,11 @@ fn compare(structure: &Structure) {
         if pool.outside(x, y) {
             continue;
         }
-        let d = descend(lookup, 0, log2, x, y, level.min(255) as u8);
+        let level = level.min(255) as u8;
+        let d = match structure.kind() {
+            Kind::Vector => vector::descend(lookup, 0, log2, x, y, level),
+            _ => mh::descend(lookup, 0, log2, x, y, level),
+        };
         let whole = if d.missing.is_none() { EXACT } else { ANCESTOR };
         let lit = if depth <= d.value { LIT } else { 0 };
         let state = u32::from(d.level) << LEVEL_SHIFT | d.word << WORD_SHIFT | lit | whole;
@@ -85,7 +89,7 @@ fn compare(structure: &Structure) {
 /// One input.
 pub fn run(data: &[u8]) {
     let Some(file) = container(data) else { return };
-    for s in file.structures().filter(|s| s.kind() == Kind::Mh) {
+    for s in file.structures().filter(|s| s.kind().has_layout()) {
         compare(&s);
     }
 }
