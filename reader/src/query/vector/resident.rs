@@ -18,7 +18,6 @@
 mod build;
 
 use umbrage_format::kind::mh::child_of;
-use umbrage_format::kind::vector::entry::PLANE_MAX;
 use umbrage_format::projection::UNCOVERED;
 
 use super::{centre, inside};
@@ -54,12 +53,14 @@ const GRID_LEVELS: u8 = 11;
 /// `k` and `c`, which keeps every rounding as it is.
 #[derive(Clone, Copy, Debug)]
 enum Entry {
-    Constant(u32),
+    /// A plane, or a constant: a plane without slopes, so that the branch between them is none. `most` is the largest
+    /// value.
     Plane {
         offset: i64,
         k: i64,
         gx: i32,
         gy: i32,
+        most: u32,
         shift: u8,
     },
     Split {
@@ -88,8 +89,15 @@ fn cell(x: i64, y: i64, from: (u8, u8)) -> u32 {
     part(y, from.1) << 2 | part(x, from.0)
 }
 
+impl Entry {
+    /// The same value everywhere.
+    const fn constant(v: u32) -> Self {
+        Self::Plane { offset: v as i64, k: 0, gx: 0, gy: 0, most: v, shift: 0 }
+    }
+}
+
 impl Tree {
-    /// The nodes of the level where most walks begin, as fine as is as many as there are words of nodes.
+    /// The level where most walks begin: the finest that has no more nodes than the tree.
     fn build_grid(&mut self) {
         let fits = |levels: u8| self.nodes.len() >> (2 * levels) != 0;
         let levels = (0..=GRID_LEVELS.min(self.log2_resolution)).rev().find(|l| fits(*l)).unwrap_or(0);
@@ -133,14 +141,13 @@ impl Tree {
         // Splits are at most three deep, and a mask's entries are constants or planes.
         loop {
             match self.entries.get(number as usize) {
-                Some(Entry::Plane { offset, k, gx, gy, shift }) => {
+                Some(Entry::Plane { offset, k, gx, gy, most, shift }) => {
                     let rise = i64::from(*gx).wrapping_mul(x).wrapping_add(i64::from(*gy).wrapping_mul(y));
-                    let v = offset.wrapping_add(rise.wrapping_sub(*k) >> (shift & 63)).clamp(0, PLANE_MAX);
+                    let v = offset.wrapping_add(rise.wrapping_sub(*k) >> (shift & 63)).clamp(0, i64::from(*most));
                     // Clamped to 32 bits.
                     let [a, b, c, d, ..] = v.to_le_bytes();
                     return u32::from_le_bytes([a, b, c, d]);
                 }
-                Some(Entry::Constant(v)) => return *v,
                 Some(Entry::Split { c, k, m, axis, sides: [a, b] }) => {
                     let (u, t) = if *axis { (y, x) } else { (x, y) };
                     let beyond = t << 12 >= c.wrapping_add(i64::from(*m).wrapping_mul(u).wrapping_sub(*k) >> 19);

@@ -8,6 +8,7 @@
     clippy::cast_possible_truncation
 )]
 
+use umbrage_format::kind::vector::entry::PLANE_MAX;
 use umbrage_format::kind::vector::{Group, Header, Layout, eval};
 use umbrage_format::projection::UNCOVERED;
 
@@ -58,7 +59,7 @@ impl Tree {
             grid_level: log2_resolution,
             log2_resolution,
             // What a walk finds that finds nothing.
-            entries: vec![Entry::Constant(UNCOVERED)],
+            entries: vec![Entry::constant(UNCOVERED)],
             raws: Vec::new(),
         };
         let mut links: Vec<Option<Link>> = vec![None; pages.len()];
@@ -120,14 +121,15 @@ impl Tree {
         let (x, y) = (i64::from(origin.0) << 8, i64::from(origin.1) << 8);
         let low = |v: u32| v.to_le_bytes()[0] & 3;
         let from = (low(origin.0), low(origin.1));
+        let most = u32::try_from(PLANE_MAX).unwrap_or(UNCOVERED);
         for number in 0..header.palette() {
             let entry = if number < layout.first_plane.into() {
                 // A constant is the same everywhere.
-                Entry::Constant(eval::value(page, layout, number, 0, 0))
+                Entry::constant(eval::value(page, layout, number, 0, 0))
             } else if number < layout.first_split.into() {
                 let p = eval::plane(page, layout, number);
                 let k = i64::from(p.gx).wrapping_mul(x).wrapping_add(i64::from(p.gy).wrapping_mul(y));
-                Entry::Plane { offset: p.offset, k, gx: p.gx, gy: p.gy, shift: p.shift }
+                Entry::Plane { offset: p.offset, k, gx: p.gx, gy: p.gy, most, shift: p.shift }
             } else if number < layout.first_mask.into() {
                 let s = eval::split(page, layout, number);
                 let l = eval::line(page, layout, s.line);
