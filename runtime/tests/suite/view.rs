@@ -108,17 +108,13 @@ fn a_view_that_does_not_fit_goes_in_parts_or_stops_with_ancestors() {
 }
 
 #[test]
-fn a_vector_view_is_exact_under_any_budget_that_works() {
+fn a_vector_view_is_exact_with_room_and_with_little() {
     let headless = device();
     let (_, bytes) = random_vector("view-vector", 2, 10, 6);
     let structure = opened(bytes);
     let map = Map::new(structure.clone()).unwrap();
-    let receivers = receivers(&map, &mut Dice(6), 50_000);
-    let smallest = match GpuStreamer::new(&headless.device, &headless.queue, &structure, 1000) {
-        Err(RuntimeError::Budget(e)) => e.needed,
-        other => panic!("{other:?}"),
-    };
-    for budget in [16 << 20, smallest] {
+    let receivers = receivers(&map, &mut Dice(6), 2_000);
+    for budget in [16 << 20, 1 << 20] {
         let start = Instant::now();
         let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, budget).unwrap();
         let view = gpu.answer_view(&receivers, &ViewOptions::default()).unwrap();
