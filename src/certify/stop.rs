@@ -7,7 +7,7 @@
 
 use umbrage_format::Kind;
 use umbrage_format::projection::UNCOVERED;
-use umbrage_reader::query::{Resident, mh, vector};
+use umbrage_reader::query::{Map, PageView, mh, vector};
 use umbrage_reader::{ReaderError, Structure};
 
 use super::{Interval, Region};
@@ -110,9 +110,14 @@ impl StopTally {
     }
 }
 
-/// The promises of all pages of root 0.
+/// A page that the map has loaded.
+fn view(map: &Map, ordinal: u32) -> Option<PageView<'_>> {
+    map.resident(ordinal).map(|p| PageView { words: p.words(), first_child: p.record().first_child.get() })
+}
+
+/// The promises of all pages of root 0, whose map has been loaded as a whole.
 pub struct Stops<'a> {
-    resident: &'a Resident,
+    map: &'a Map,
     stops: Vec<Stop>,
     roots: u32,
 }
@@ -122,13 +127,13 @@ impl<'a> Stops<'a> {
     ///
     /// # Errors
     /// An index block can't be read.
-    pub fn new(structure: &Structure, resident: &'a Resident) -> Result<Self, ReaderError> {
+    pub fn new(structure: &Structure, map: &'a Map) -> Result<Self, ReaderError> {
         let r = structure.record();
         let (log2, roots) = (r.log2_resolution, r.root_count.get());
         let stop = |page: u32| {
             let record = structure.page_record(page)?;
             let origin = [record.origin_x.get(), record.origin_y.get()];
-            let there = |o: u32| if o == page { None } else { resident.page(o) };
+            let there = |o: u32| if o == page { None } else { view(map, o) };
             let (root, [x, y]) = (record.root.get().into(), origin);
             let inherited = match structure.kind() {
                 Kind::Vector => match vector::descend(there, root, log2, x, y, 0) {
@@ -149,7 +154,7 @@ impl<'a> Stops<'a> {
             })
         };
         let stops = (0..structure.page_count()).map(stop).collect::<Result<_, _>>()?;
-        Ok(Self { resident, stops, roots })
+        Ok(Self { map, stops, roots })
     }
 
     /// The answer at a texel of a page's footprint without the page.
@@ -158,7 +163,7 @@ impl<'a> Stops<'a> {
             Inherited::Value(value) => value,
             // The page is there: the walk came through it.
             Inherited::Entry { page, node } => {
-                self.resident.page(page).map_or(UNCOVERED, |page| vector::node_value(page, node, x, y))
+                view(self.map, page).map_or(UNCOVERED, |page| vector::node_value(page, node, x, y))
             }
         }
     }

@@ -273,7 +273,7 @@ pub fn verify(
         }
     };
     let resident = map.preload_while(&go_on)?;
-    let stops = Stops::new(map.structure(), &resident)?;
+    let stops = Stops::new(map.structure(), &map)?;
     let (mut tally, mut stopped) = (LayersTally::default(), StopTally::default());
     let watched = Watched::start(squares.iter().map(|s| 1u64 << (2 * s.log2_side)).sum());
     for square in squares {

@@ -265,7 +265,7 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
     let (edge, thin) = (s.record().edge_texels.get(), s.record().thin_texels.get());
     let map = Map::new(s)?;
     let resident = map.preload_while(&go_on)?;
-    let stops = Stops::new(map.structure(), &resident)?;
+    let stops = Stops::new(map.structure(), &map)?;
     let oracle = Oracle::new(&snapped).with_guard(map.structure().record().depth_guard.get());
     let side = map.resolution();
     let whole = u64::from(side) * u64::from(side);

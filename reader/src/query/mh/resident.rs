@@ -128,13 +128,6 @@ impl Tree {
         self.walk(start, x, y, level).value
     }
 
-    /// A page, for walks that say which pages they need.
-    pub(in crate::query) fn view(&self, ordinal: u32) -> Option<PageView<'_>> {
-        let &(start, first_child) = self.pages.get(ordinal as usize)?;
-        let end = self.pages.get(ordinal as usize + 1).map_or(self.words.len(), |next| next.0 as usize);
-        Some(PageView { words: self.words.get(start as usize..end)?, first_child })
-    }
-
     /// Bytes held.
     pub(in crate::query) fn bytes(&self) -> usize {
         self.words.len() * 4 + self.pages.len() * 8 + self.grid.len() * size_of::<Walk>()
