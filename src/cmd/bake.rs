@@ -97,7 +97,17 @@ pub fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool, Failure> {
 /// Runs the command.
 pub fn run(args: Args) -> Result<(), Failure> {
     listen();
+    if args.kind == "vector" && args.builder == "exhaustive" {
+        return Err(Failure::new(USAGE, "--builder exhaustive is for --kind mh; leave one of them out"));
+    }
     if layers::are(&args.scene) {
+        if args.kind == "vector" {
+            let scene = &args.scene;
+            return Err(Failure::new(
+                USAGE,
+                format!("--kind vector needs geometry; {scene} is depth layers: use --kind mh"),
+            ));
+        }
         let light = layers::one_light(&args.light)?;
         let bake = layers::Bake {
             first: args.scene.into(),

@@ -148,3 +148,29 @@ fn counts_of_thin_texels_are_held_against_the_source() {
         assert_eq!(stored(edge, thin), Some(code), "{edge} {thin}");
     }
 }
+
+#[test]
+fn pictures_of_vector_maps_are_made_on_the_cpu() {
+    let place = Place::new("vector-render");
+    bake(&place, "city.umb", &[]);
+    let camera = ["--camera", "165,72,-190,330,6,-380", "-o", "view.png"];
+    let text = place.fine(&[&["render", CITY, "city.umb", "--light", "sun"][..], &camera].concat());
+    assert!(text.contains("the CPU"), "{text}");
+    assert!(place.file("view.png").exists());
+}
+
+#[test]
+fn what_vector_does_not_do_is_refused() {
+    let place = Place::new("vector-usage");
+    let light = ["--light", "sun=dir:0.4,-0.8,0.3", "--kind", "vector", "-o", "no.umb"];
+    for (scene, more, words) in [
+        (CITY, &["--builder", "exhaustive"][..], "--builder exhaustive is for --kind mh"),
+        ("layers.exr", &[], "--kind vector needs geometry"),
+    ] {
+        let out = place.run(&[&["bake", scene], &light[..], more].concat());
+        let text = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{text}");
+        assert!(text.contains(words), "{text}");
+        assert!(!place.file("no.umb").exists());
+    }
+}

@@ -178,8 +178,8 @@ impl<'a> Search<'a> {
         if !self.lines || path.len() >= MOST_CUTS || list.len() > CUT_LIST || self.cells.len() >= 4 {
             return None;
         }
-        let tries = 1;
-        for cut in self.candidates(list, region, tries, path) {
+        // one line alone: see NOTES.md
+        for cut in self.candidates(list, region, 1, path) {
             let (cuts, cells) = (self.cuts.len(), self.cells.len());
             let number = match self.cuts.iter().position(|c| c.line == cut.line) {
                 Some(n) => n,
@@ -698,13 +698,9 @@ impl<'a> Search<'a> {
             lines.push(strip);
             let list: Vec<u32> = cell.list.iter().copied().filter(|n| self.reaches(*n, strip)).collect();
             let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
-            let entry = self.simple_entry(other);
-            entry.is_some_and(|e| self.holds(e, &list, region))
+            let entry = self.cells[other].value;
+            self.holds(entry, &list, region)
         })
-    }
-
-    fn simple_entry(&self, cell: usize) -> Option<Entry> {
-        Some(self.cells[cell].value)
     }
 
     /// Whether the stored line tells the side of every texel centre of the square as the exact one does, with room for
