@@ -12,7 +12,7 @@ use umbrage_format::Kind;
 use umbrage_format::projection::{Lattice, UNCOVERED};
 
 use super::follow::Follow;
-use super::{Map, PageView, Visibility, locate, mh, vector};
+use super::{Map, Visibility, locate, mh, vector};
 use crate::ReaderError;
 
 /// Levels that the grid of walks spans at most: 256 x 256 cells of 20 bytes.

@@ -91,7 +91,7 @@ fn bake(layers: &ExrLayers, square: Square, folder: &Folder) {
     let stored = |x, y| map.texel(x, y, 0).expect("a page").value;
     let mut tally = LayersTally::default();
     map.preload().expect("pages");
-    let stops = Stops::new(map.structure(), &map).expect("records");
+    let stops = Stops::new(map.structure(), &|| true).expect("records");
     let side = map.resolution();
     let (pages, mut stopped) = (stops.over(Region { x: 0, y: 0, width: side, height: side }), StopTally::default());
     let stop = |texel, allowed| {

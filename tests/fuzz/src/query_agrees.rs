@@ -4,7 +4,6 @@
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-use umbrage_format::Kind;
 use umbrage_reader::Structure;
 use umbrage_runtime::gpu::Kernels;
 use umbrage_runtime::{GpuStreamer, Headless};

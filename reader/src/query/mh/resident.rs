@@ -11,7 +11,7 @@
 use umbrage_format::kind::mh::{Mask, ROOT_GROUP, child_of};
 use umbrage_format::projection::UNCOVERED;
 
-use super::{PageView, root_mask};
+use super::root_mask;
 use crate::query::resident::GRID_LEVELS;
 
 /// Pages that are all checked and linked.
