@@ -7,7 +7,7 @@
 
 use umbrage_format::Kind;
 use umbrage_format::projection::UNCOVERED;
-use umbrage_reader::query::{Resident, mh, vector};
+use umbrage_reader::query::{Map, PageView, mh, vector};
 use umbrage_reader::{ReaderError, Structure};
 
 use super::{Interval, Region};
@@ -111,24 +111,36 @@ impl StopTally {
 }
 
 /// The promises of all pages of root 0.
-pub struct Stops<'a> {
-    resident: &'a Resident,
+pub struct Stops {
+    /// The pages whose entries answer; in kind `mh` none, as the values are known.
+    map: Option<Map>,
     stops: Vec<Stop>,
     roots: u32,
 }
 
-impl<'a> Stops<'a> {
-    /// Reads the records, and walks to every page as if it were missing.
+/// A page that the map has loaded.
+fn view(map: &Map, ordinal: u32) -> Option<PageView<'_>> {
+    map.resident(ordinal).map(|p| PageView { words: p.words(), first_child: p.record().first_child.get() })
+}
+
+impl Stops {
+    /// Loads every page and walks to it as if it were missing; asks before each page whether to go on. Pages of kind
+    /// `vector` are kept.
     ///
     /// # Errors
-    /// An index block can't be read.
-    pub fn new(structure: &Structure, resident: &'a Resident) -> Result<Self, ReaderError> {
+    /// A page can't be loaded; [`ReaderError::Stopped`] where the answer was no.
+    pub fn new(structure: &Structure, go_on: &dyn Fn() -> bool) -> Result<Self, ReaderError> {
+        let map = Map::new(structure.clone())?;
         let r = structure.record();
         let (log2, roots) = (r.log2_resolution, r.root_count.get());
         let stop = |page: u32| {
-            let record = structure.page_record(page)?;
+            if !go_on() {
+                return Err(ReaderError::Stopped { file: structure.file().clone() });
+            }
+            // Those that the walk comes through lie before it and are loaded already.
+            let record = *map.page(page)?.record();
             let origin = [record.origin_x.get(), record.origin_y.get()];
-            let there = |o: u32| if o == page { None } else { resident.page(o) };
+            let there = |o: u32| if o == page { None } else { view(&map, o) };
             let (root, [x, y]) = (record.root.get().into(), origin);
             let inherited = match structure.kind() {
                 Kind::Vector => match vector::descend(there, root, log2, x, y, 0) {
@@ -149,7 +161,7 @@ impl<'a> Stops<'a> {
             })
         };
         let stops = (0..structure.page_count()).map(stop).collect::<Result<_, _>>()?;
-        Ok(Self { resident, stops, roots })
+        Ok(Self { map: (structure.kind() == Kind::Vector).then_some(map), stops, roots })
     }
 
     /// The answer at a texel of a page's footprint without the page.
@@ -157,9 +169,11 @@ impl<'a> Stops<'a> {
         match stop.inherited {
             Inherited::Value(value) => value,
             // The page is there: the walk came through it.
-            Inherited::Entry { page, node } => {
-                self.resident.page(page).map_or(UNCOVERED, |page| vector::node_value(page, node, x, y))
-            }
+            Inherited::Entry { page, node } => self
+                .map
+                .as_ref()
+                .and_then(|map| view(map, page))
+                .map_or(UNCOVERED, |page| vector::node_value(page, node, x, y)),
         }
     }
 

@@ -272,8 +272,8 @@ pub fn verify(
             (regions.into_iter().map(square).collect(), near)
         }
     };
+    let stops = Stops::new(map.structure(), &go_on)?;
     let resident = map.preload_while(&go_on)?;
-    let stops = Stops::new(map.structure(), &resident)?;
     let (mut tally, mut stopped) = (LayersTally::default(), StopTally::default());
     let watched = Watched::start(squares.iter().map(|s| 1u64 << (2 * s.log2_side)).sum());
     for square in squares {

@@ -1,7 +1,6 @@
 //! Who answers the shadows of a view: a GPU that pages are streamed to, or the CPU.
 
 use serde_json::{Value, json};
-use umbrage::format::Kind;
 use umbrage::reader::query::Map;
 use umbrage::reader::{Container, Structure};
 use umbrage::render::View;
@@ -63,11 +62,6 @@ impl Shadows {
         backend: Backend,
         budget: u64,
     ) -> Result<Shadows, Failure> {
-        let kind = structure.kind();
-        if kind == Kind::Vector && backend == Backend::Auto {
-            let by = format!("the CPU (kind {} is not streamed yet)", kind.name());
-            return Shadows::on_cpu(view, container, structure, by);
-        }
         if backend != Backend::Cpu {
             match gpu::answer(view, &structure, budget) {
                 Err(gpu::Failed::NoDevice(why)) if backend == Backend::Auto => {

@@ -264,8 +264,8 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
     let snapped = picture::snapped(mesh, &s)?;
     let (edge, thin) = (s.record().edge_texels.get(), s.record().thin_texels.get());
     let map = Map::new(s)?;
+    let stops = Stops::new(map.structure(), &go_on)?;
     let resident = map.preload_while(&go_on)?;
-    let stops = Stops::new(map.structure(), &resident)?;
     let oracle = Oracle::new(&snapped).with_guard(map.structure().record().depth_guard.get());
     let side = map.resolution();
     let whole = u64::from(side) * u64::from(side);
@@ -344,12 +344,7 @@ fn certify_layers(s: Structure, source: &str, args: &Args, f: &mut Findings) -> 
 /// Texels whose intervals are worked out for stop errors, about: up to a map of 4096 x 4096 every one that it needs.
 const EXACT: u64 = 1 << 24;
 
-fn check(
-    oracle: &Oracle,
-    regions: &[Region],
-    stored: &Resident,
-    stops: &Stops<'_>,
-) -> Result<(Tally, StopTally), Failure> {
+fn check(oracle: &Oracle, regions: &[Region], stored: &Resident, stops: &Stops) -> Result<(Tally, StopTally), Failure> {
     let texels = |r: &Region| u64::from(r.width) * u64::from(r.height);
     let whole = regions.iter().map(texels).sum::<u64>();
     let watched = Watched::start(whole);

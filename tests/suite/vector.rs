@@ -19,7 +19,11 @@ use crate::cli::{CITY, Place, SUN};
 const SIDE: u32 = 512;
 
 fn bake(place: &Place, file: &str, more: &[&str]) {
-    let side = SIDE.to_string();
+    bake_side(place, file, SIDE, more);
+}
+
+fn bake_side(place: &Place, file: &str, side: u32, more: &[&str]) {
+    let side = side.to_string();
     let args = ["bake", CITY, "--light", SUN, "--kind", "vector", "--resolution", &side, "--policy", "closed"];
     place.fine(&[&args[..], more, &["-o", file]].concat());
 }
@@ -150,13 +154,23 @@ fn counts_of_thin_texels_are_held_against_the_source() {
 }
 
 #[test]
-fn pictures_of_vector_maps_are_made_on_the_cpu() {
+fn pictures_of_vector_maps_are_the_same_from_device_and_cpu() {
     let place = Place::new("vector-render");
-    bake(&place, "city.umb", &[]);
-    let camera = ["--camera", "165,72,-190,330,6,-380", "-o", "view.png"];
-    let text = place.fine(&[&["render", CITY, "city.umb", "--light", "sun"][..], &camera].concat());
-    assert!(text.contains("the CPU"), "{text}");
-    assert!(place.file("view.png").exists());
+    bake_side(&place, "city.umb", 4096, &[]);
+    let pages = open(&place, "city.umb").structure(0).unwrap().page_count();
+    assert!(pages > 4, "{pages}");
+    let view = ["render", CITY, "city.umb", "--camera", "100,60,20,30,0,-30", "--size", "320x180"];
+    let [device, auto, cpu] = ["gpu", "auto", "cpu"].map(|backend| {
+        let picture = format!("{backend}.png");
+        let found = json(&place, &[&view[..], &["--backend", backend, "-o", &picture, "--json"]].concat(), 0);
+        (fs::read(place.file(&picture)).unwrap(), found["shadows"].clone())
+    });
+    assert_eq!(cpu.1["by"], "the CPU");
+    assert!(cpu.1["stream"].is_null(), "{}", cpu.1);
+    for (picture, by) in [device, auto] {
+        assert!(by["stream"]["frames_until_exact"].as_u64() > Some(1), "{by}");
+        assert!(picture == cpu.0, "{by}");
+    }
 }
 
 #[test]

@@ -102,8 +102,7 @@ fn a_lowered_stop_error_is_caught() {
     let mesh = scene::generated(CITY).unwrap().unwrap();
     let snapped = snap(&mesh, map.lattice(), Policy::Closed).unwrap();
     let oracle = Oracle::new(&snapped);
-    let resident = map.preload().unwrap();
-    let stops = Stops::new(s, &resident).unwrap();
+    let stops = Stops::new(s, &|| true).unwrap();
     // The least that a record may promise; a writer may promise more.
     let least = |page: u32| {
         let stop = *stops.over(Region { x: 0, y: 0, width: 512, height: 512 }).into_iter().find(|s| s.page == page)?;

@@ -12,7 +12,7 @@ use umbrage_format::Kind;
 use umbrage_format::projection::{Lattice, UNCOVERED};
 
 use super::follow::Follow;
-use super::{Map, PageView, Visibility, locate, mh, vector};
+use super::{Map, Visibility, locate, mh, vector};
 use crate::ReaderError;
 
 /// Levels that the grid of walks spans at most: 256 x 256 cells of 20 bytes.
@@ -46,6 +46,7 @@ impl Resident {
         map.allow_words(total)?;
         let mut words = Vec::with_capacity(usize::try_from(total).unwrap_or(0));
         let mut pages = Vec::with_capacity(count as usize);
+        let mut held = 0;
         let mut follow = Follow::default();
         for ordinal in 0..count {
             if !go_on() {
@@ -55,13 +56,24 @@ impl Resident {
             let page = map.resident(ordinal).cloned().map_or_else(|| structure.page(ordinal), Ok)?;
             follow.page(structure, &page)?;
             // Fits: `allow_words` has seen the sum.
-            pages.push((u32::try_from(words.len()).unwrap_or(u32::MAX), page.record().first_child.get()));
+            let (first, record) = (u32::try_from(words.len()).unwrap_or(u32::MAX), page.record());
+            let origin = (record.origin_x.get(), record.origin_y.get());
+            pages.push(vector::resident::Page { first, first_child: record.first_child.get(), origin });
             words.extend_from_slice(page.words());
+            if structure.kind() == Kind::Vector {
+                held += vector::resident::words_held(page.words());
+            }
         }
         let log2_resolution = structure.record().log2_resolution.min(31);
         let tree = match structure.kind() {
-            Kind::Vector => Tree::Vector(vector::resident::Tree::new(words, &pages, log2_resolution)),
-            _ => Tree::Mh(mh::resident::Tree::new(words, pages, log2_resolution)),
+            Kind::Vector => {
+                map.allow_words(held)?;
+                Tree::Vector(vector::resident::Tree::new(&words, &pages, log2_resolution))
+            }
+            _ => {
+                let pages = pages.iter().map(|p| (p.first, p.first_child)).collect();
+                Tree::Mh(mh::resident::Tree::new(words, pages, log2_resolution))
+            }
         };
         Ok(Self { tree, log2_resolution, lattice: structure.lattice() })
     }
@@ -101,14 +113,6 @@ impl Resident {
         match locate(&self.lattice, point) {
             Some((x, y, depth)) => Visibility::inside(depth, self.value(x, y, level)),
             None => Visibility::OUTSIDE,
-        }
-    }
-
-    /// A page, for walks that say which pages they need.
-    pub fn page(&self, ordinal: u32) -> Option<PageView<'_>> {
-        match &self.tree {
-            Tree::Mh(tree) => tree.view(ordinal),
-            Tree::Vector(tree) => tree.view(ordinal),
         }
     }
 

@@ -3,13 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use umbrage_format::Kind;
 use umbrage_reader::Structure;
 
 use super::kernel::{Entry, Kernels};
 use super::transfer::{Readback, Staging};
 use crate::error::RuntimeError;
-use crate::query::mh::NOT_RESIDENT;
+use crate::query::pool::NOT_RESIDENT;
 use crate::residency::budget::{BLOCK_BYTES, READBACK_BUFFERS, STAGING_BUFFERS};
 use crate::residency::{Frame, Op};
 use crate::shader::{self, FEEDBACK_CAPACITY, FEEDBACK_HEAD, FEEDBACK_LIST, View};
@@ -127,8 +126,15 @@ impl GpuStreamer {
             pages,
             log2_resolution: structure.record().log2_resolution.into(),
             used_words: used_words as u32,
+            kind: structure.kind().code(),
         };
-        let view = filled(device, "umbrage view", 16, wgpu::BufferUsages::UNIFORM, bytemuck::bytes_of(&view))?;
+        let view = filled(
+            device,
+            "umbrage view",
+            size_of::<View>() as u64,
+            wgpu::BufferUsages::UNIFORM,
+            bytemuck::bytes_of(&view),
+        )?;
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("umbrage"),
             entries: &[
@@ -310,7 +316,7 @@ impl GpuStreamer {
     /// The structure is of a kind without kernels.
     pub fn kernels(&mut self) -> Result<Arc<Kernels>, RuntimeError> {
         let kind = self.streamer.structure().kind();
-        if kind != Kind::Mh {
+        if !kind.has_layout() {
             return Err(RuntimeError::UnsupportedKind(kind));
         }
         let kernels = self.kernels.get_or_insert_with(|| Arc::new(Kernels::new(&self.device, &self.layout)));
@@ -323,7 +329,7 @@ impl GpuStreamer {
     }
 
     /// Answers queries (x, y, level, depth rounded up) from what is resident, in one frame: value, state, missing
-    /// page, page of the answer; see [`crate::query::mh`] for the bits. Waits for the device, not for pages.
+    /// page, page of the answer; see [`crate::query::pool`] for the bits. Waits for the device, not for pages.
     ///
     /// # Errors
     /// More queries than the device binds, a kind without kernels, or the device was lost.

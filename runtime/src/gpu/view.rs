@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::kernel::{Entry, Kernels, Queries};
 use super::streamer::GpuStreamer;
 use crate::error::RuntimeError;
-use crate::query::mh::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, OUTSIDE};
+use crate::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, OUTSIDE};
 use crate::residency::Stats;
 
 /// Receivers on the device at once.

@@ -24,7 +24,7 @@ use std::sync::Arc;
 
 pub use budget::{Budget, BudgetError};
 
-use crate::query::mh::NOT_RESIDENT;
+use crate::query::pool::NOT_RESIDENT;
 use budget::{BLOCK_BYTES, MAX_DIRTY};
 use failure::Failures;
 use resident::{Resident, Residents};

@@ -26,9 +26,9 @@ fn answer(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups)
         umb_queries[umb_range.x + i] = vec4<u32>(UMB_UNCOVERED, UMB_LIT | UMB_OUTSIDE | UMB_EXACT, UMB_NO_PAGE, UMB_NO_PAGE);
         return;
     }
-    let d = umb_mh(umb_range.z, q.x, q.y, q.z);
+    let d = umb_answer(umb_range.z, q.x, q.y, q.z);
     umb_note_ancestor(d);
-    umb_queries[umb_range.x + i] = vec4<u32>(d.value, umb_mh_state(d, q.w), d.missing, d.page);
+    umb_queries[umb_range.x + i] = vec4<u32>(d.value, umb_state(d, q.w), d.missing, d.page);
 }
 
 // In: x, y, depth rounded up, state of the frame before. Out: state. A pixel that is exact stays as it is, and lets
@@ -47,7 +47,7 @@ fn pixels(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups)
         umb_queries[umb_range.x + i].w = UMB_LIT | UMB_OUTSIDE | UMB_EXACT;
         return;
     }
-    let d = umb_mh(umb_range.z, q.x, q.y, 0u);
+    let d = umb_answer(umb_range.z, q.x, q.y, 0u);
     umb_note_ancestor(d);
-    umb_queries[umb_range.x + i].w = umb_mh_state(d, q.z);
+    umb_queries[umb_range.x + i].w = umb_state(d, q.z);
 }

@@ -4,6 +4,14 @@
 //! caller's choice, and the walks. It takes 3 storage buffers and a uniform, which leaves the caller one of the four
 //! that every device has. [`kernels`] adds the entry points that this crate dispatches itself.
 //!
+//! What a shader calls:
+//!
+//! - `umb_locate(lattice, point)`: texel and depth of a point;
+//! - `umb_answer(root, x, y, level)`: the walk to a texel, by the structure's kind; `umb_mh`, `umb_vector` where the
+//!   kind is known beforehand;
+//! - `umb_continuous(root, x, y, sub)`, `umb_vector_continuous`: the answer at a place inside a texel;
+//! - `umb_state(answer, depth)`: light or shadow, and how far to trust it.
+//!
 //! | binding | buffer |
 //! |---|---|
 //! | 0 | `umb_pool`: the words of the pages, each page from its entry's word |
@@ -11,15 +19,9 @@
 //! | 2 | `umb_feedback`: what walks missed and used, see [`FEEDBACK_LIST`] |
 //! | 3 | `umb_view`: sizes, the uniform [`View`] |
 
-use std::fmt::Write;
+mod constants;
 
-use umbrage_format::kind::mh::{Children, Mask, Node, NodeType, ROOT_GROUP};
-use umbrage_format::page::FrameHead;
-use umbrage_format::projection::UNCOVERED;
-use umbrage_format::structure::MAX_LOG2_RESOLUTION;
-
-use crate::query::mh::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, MAX_STEPS, NONE, NOT_RESIDENT, OUTSIDE, WORD_SHIFT};
-use crate::residency::slots::UNIT_WORDS;
+pub use constants::prelude;
 
 /// Words of a page table entry: first word in the pool, first child.
 pub const TABLE_ENTRY_WORDS: u32 = 2;
@@ -63,65 +65,21 @@ uniform! {
         log2_resolution,
         /// Words of the feedback's used bits.
         used_words,
+        /// Code of the structure's kind.
+        kind,
     }
 }
 
-const MH: &str = include_str!("query/mh.wgsl");
-const LATTICE: &str = include_str!("lattice.wgsl");
+/// What every module holds, in order.
+const SOURCES: [&str; 6] = [
+    include_str!("query/pool.wgsl"),
+    include_str!("query/mh.wgsl"),
+    include_str!("wide.wgsl"),
+    include_str!("query/vector.wgsl"),
+    include_str!("query/answer.wgsl"),
+    include_str!("lattice.wgsl"),
+];
 const KERNELS: &str = include_str!("kernel.wgsl");
-
-/// Word and shift of a field, found by encoding it.
-fn field<const N: usize>(one: [u32; N]) -> (usize, u32) {
-    one.iter().enumerate().find(|(_, w)| **w != 0).map_or((0, 0), |(i, w)| (i, w.trailing_zeros()))
-}
-
-/// The constants that the WGSL shares with the format and with this crate.
-pub fn prelude() -> String {
-    let zero = FrameHead { tag: 0, root_mask: 0, child_refs: 0, words: 0, root_level: 0 };
-    let (mask_word, mask_shift) = field(FrameHead { root_mask: 1, ..zero }.encode());
-    let (words_word, words_shift) = field(FrameHead { words: 1, ..zero }.encode());
-    let node = |mask, children| field([Node { mask: Mask(mask), children }.encode()]).1;
-    let words_of = |t: NodeType| t.words();
-    let constants: &[(&str, u32)] = &[
-        ("FRAME_MASK_WORD", mask_word as u32),
-        ("FRAME_MASK_SHIFT", mask_shift),
-        ("FRAME_WORDS_WORD", words_word as u32),
-        ("FRAME_WORDS_SHIFT", words_shift),
-        ("ROOT_GROUP", ROOT_GROUP.into()),
-        ("NODE_NONE", NodeType::None as u32),
-        ("NODE_LEAF", NodeType::Leaf as u32),
-        ("NODE_INNER", NodeType::Inner as u32),
-        ("NODE_EMPTY", NodeType::Empty as u32),
-        ("WORDS_LEAF", words_of(NodeType::Leaf)),
-        ("WORDS_INNER", words_of(NodeType::Inner)),
-        ("WORDS_EMPTY", words_of(NodeType::Empty)),
-        ("NODE_MASK_SHIFT", node(1, Children::Here(0))),
-        ("NODE_PAGE_SHIFT", node(0, Children::Page(0))),
-        ("NODE_AT_SHIFT", node(0, Children::Here(1))),
-        ("UNCOVERED", UNCOVERED),
-        ("MAX_LOG2", MAX_LOG2_RESOLUTION.into()),
-        ("MAX_STEPS", MAX_STEPS),
-        ("NOT_RESIDENT", NOT_RESIDENT),
-        ("NO_PAGE", NONE),
-        ("UNIT_WORDS", UNIT_WORDS),
-        ("FEEDBACK_HEAD", FEEDBACK_HEAD),
-        ("FEEDBACK_CAPACITY", FEEDBACK_CAPACITY),
-        ("FEEDBACK_LIST", FEEDBACK_LIST),
-        ("LIT", LIT),
-        ("ANCESTOR", ANCESTOR),
-        ("OUTSIDE", OUTSIDE),
-        ("EXACT", EXACT),
-        ("LEVEL_SHIFT", LEVEL_SHIFT),
-        ("WORD_SHIFT", WORD_SHIFT),
-        ("WORKGROUP", WORKGROUP),
-    ];
-    let mut out = String::new();
-    for (name, value) in constants {
-        // Writing to a string can't fail.
-        let _ = writeln!(out, "const UMB_{name}: u32 = {value}u;");
-    }
-    out
-}
 
 /// Bindings of the module in bind group `group`.
 fn bindings(group: u32) -> String {
@@ -138,7 +96,7 @@ fn bindings(group: u32) -> String {
 
 /// Source of the queries for the caller's shader: constants, bindings in group `group`, functions.
 pub fn module(group: u32) -> String {
-    [&prelude(), &bindings(group), MH, LATTICE].concat()
+    [prelude(), bindings(group), SOURCES.concat()].concat()
 }
 
 /// [`module`] in group 0 with the entry points `answer` and `pixels`, whose buffers are in group 1.
@@ -150,33 +108,6 @@ pub fn kernels() -> String {
 mod tests {
     use super::*;
 
-    fn constant(name: &str) -> u32 {
-        let text = prelude();
-        let line = text.lines().find(|l| l.starts_with(&format!("const UMB_{name}:"))).expect(name);
-        line.split(" = ").nth(1).unwrap().trim_end_matches("u;").parse().unwrap()
-    }
-
-    /// Reads words with the generated constants as the shader does, and holds the result against the format.
-    #[test]
-    fn the_constants_read_what_the_format_writes() {
-        for (root_mask, words) in [(0x1B, 2), (0xFF, 0xFFFF), (1, 777)] {
-            let head = FrameHead { tag: 0xFF, root_mask, child_refs: 0xABCD, words, root_level: 0xFF };
-            let page = head.encode();
-            let read = |w: &str, s: &str| page[constant(w) as usize] >> constant(s);
-            assert_eq!(read("FRAME_MASK_WORD", "FRAME_MASK_SHIFT") & 0xFF, u32::from(root_mask));
-            assert_eq!(read("FRAME_WORDS_WORD", "FRAME_WORDS_SHIFT") & 0xFFFF, u32::from(words));
-        }
-        for mask in 0..=255u8 {
-            for children in [Children::Here(0x1234), Children::Page(0xFFFF), Children::Here(2)] {
-                let word = Node { mask: Mask(mask), children }.encode();
-                assert_eq!(word >> constant("NODE_MASK_SHIFT") & 0xFF, u32::from(mask));
-                let at = word >> constant("NODE_AT_SHIFT") & 0xFFFF;
-                let page = word >> constant("NODE_PAGE_SHIFT") & 1 != 0;
-                assert_eq!(children, if page { Children::Page(at as u16) } else { Children::Here(at as u16) });
-            }
-        }
-    }
-
     /// Engines of other APIs take the module through naga: it is valid WGSL, and both HLSL and SPIR-V come out.
     #[test]
     fn the_kernels_translate_to_hlsl_and_spir_v() {
@@ -187,7 +118,10 @@ mod tests {
         let options = naga::back::hlsl::Options::default();
         let pipeline = naga::back::hlsl::PipelineOptions::default();
         naga::back::hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).unwrap();
-        assert!(text.contains("umb_mh(") && text.contains("InterlockedOr"));
+        for name in ["umb_answer(", "umb_mh(", "umb_vector(", "umb_vector_continuous(", "umb_locate(", "InterlockedOr"]
+        {
+            assert!(text.contains(name), "{name}");
+        }
         let words = naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), None).unwrap();
         assert!(words.len() > 500);
         let storage =

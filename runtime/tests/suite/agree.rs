@@ -1,10 +1,11 @@
 //! One comparison for the tests and the fuzz target: the device's answers against the twin's on the device's own bytes,
 //! and against the reader's walk over the pages that are resident.
 
-use umbrage_reader::query::mh::{PageView, descend};
+use umbrage_format::Kind;
+use umbrage_reader::query::{PageView, mh, vector};
 use umbrage_reader::{CheckedPage, Structure};
 use umbrage_runtime::GpuStreamer;
-use umbrage_runtime::query::mh::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, NONE, Pool, WORD_SHIFT};
+use umbrage_runtime::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, NONE, Pool, WORD_SHIFT};
 
 /// What the device says and holds.
 pub struct Answered {
@@ -14,17 +15,17 @@ pub struct Answered {
 }
 
 /// Asks the device, then reads its bytes back.
-pub fn ask(gpu: &mut GpuStreamer, queries: &[[u32; 4]]) -> Answered {
-    let answers = gpu.answer(0, queries).expect("answers");
+pub fn ask(gpu: &mut GpuStreamer, root: u32, queries: &[[u32; 4]]) -> Answered {
+    let answers = gpu.answer(root, queries).expect("answers");
     let (words, table) = gpu.read_back().expect("bytes");
     Answered { answers, words, table }
 }
 
 /// Holds every answer against twin and reader: how many were exact, by an ancestor, and outside.
-pub fn compare(answered: &Answered, structure: &Structure, queries: &[[u32; 4]]) -> [usize; 3] {
+pub fn compare(answered: &Answered, structure: &Structure, root: u32, queries: &[[u32; 4]]) -> [usize; 3] {
     let Answered { answers, words, table } = answered;
     let log2 = structure.record().log2_resolution;
-    let pool = Pool { words, table, log2_resolution: log2 };
+    let pool = Pool { words, table, kind: structure.kind(), log2_resolution: log2 };
     let pages: Vec<Option<CheckedPage>> =
         (0u32..).zip(table).map(|(o, e)| (e[0] != NONE).then(|| structure.page(o).expect("it was uploaded"))).collect();
     for ((page, entry), ordinal) in pages.iter().zip(table).zip(0u32..) {
@@ -39,13 +40,17 @@ pub fn compare(answered: &Answered, structure: &Structure, queries: &[[u32; 4]])
     };
     let mut seen = [0; 3];
     for (query, answer) in queries.iter().zip(answers) {
-        assert_eq!(*answer, pool.answer(0, *query), "twin, query {query:?}");
+        assert_eq!(*answer, pool.answer(root, *query), "twin, query {query:?}");
         let [x, y, level, depth] = *query;
         if pool.outside(x, y) {
             seen[2] += 1;
             continue;
         }
-        let d = descend(lookup, 0, log2, x, y, level.min(255) as u8);
+        let level = level.min(255) as u8;
+        let d = match structure.kind() {
+            Kind::Vector => vector::descend(lookup, root, log2, x, y, level),
+            _ => mh::descend(lookup, root, log2, x, y, level),
+        };
         let whole = if d.missing.is_none() { EXACT } else { ANCESTOR };
         let lit = if depth <= d.value { LIT } else { 0 };
         let state = u32::from(d.level) << LEVEL_SHIFT | d.word << WORD_SHIFT | lit | whole;

@@ -4,7 +4,7 @@ use umbrage_format::index::{FORM_FLAT, SHARED};
 use umbrage_format::page::{FrameHead, TAG_FLAT};
 use umbrage_format::{Kind, PageRecord};
 use umbrage_reader::{Container, Limits, MemorySource};
-use umbrage_runtime::query::mh::NOT_RESIDENT;
+use umbrage_runtime::query::pool::NOT_RESIDENT;
 use umbrage_runtime::{GpuStreamer, RuntimeError};
 use umbrage_writer::container::{ContainerOptions, PageInput};
 

@@ -2,6 +2,7 @@
 //! machine without one fails here with the line that installs it.
 
 mod agree;
+mod bare;
 #[path = "../../examples/engine.rs"]
 mod engine;
 mod later;
@@ -11,4 +12,8 @@ mod support;
 #[allow(dead_code)]
 #[path = "../../../reader/tests/suite/tree.rs"]
 mod tree;
+// The naive tree of kind `vector`.
+#[allow(dead_code)]
+#[path = "../../../reader/tests/suite/vector_tree.rs"]
+mod vector_tree;
 mod view;

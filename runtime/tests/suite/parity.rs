@@ -2,15 +2,16 @@
 
 use std::time::Instant;
 
+use umbrage_format::Kind;
 use umbrage_format::checksum::{block_crc, content_hash, header_crc, page_crc};
 use umbrage_format::{BlockHeader, Header, PageRecord, SectionRecord, StructureRecord};
 use umbrage_reader::{Container, Limits, MemorySource, Structure};
 use umbrage_runtime::GpuStreamer;
-use umbrage_runtime::query::mh::Pool;
+use umbrage_runtime::query::pool::Pool;
 use zerocopy::{FromBytes, IntoBytes};
 
 use crate::agree::{self, Answered};
-use crate::support::{device, opened, queries, random_tree, shared_city};
+use crate::support::{container, device, opened, queries, random_tree, random_vector, shared_city};
 use crate::tree::Dice;
 
 /// Streams whatever the dice ask for until nothing more comes; with `all`, every page.
@@ -30,16 +31,17 @@ fn fill(gpu: &mut GpuStreamer, dice: &mut Dice, all: bool) {
 }
 
 /// Asks the device and holds its answers; times of device and twin where they are many.
-fn compare(gpu: &mut GpuStreamer, structure: &Structure, queries: &[[u32; 4]]) -> [usize; 3] {
+fn compare(gpu: &mut GpuStreamer, structure: &Structure, root: u32, queries: &[[u32; 4]]) -> [usize; 3] {
     let start = Instant::now();
-    let answered = agree::ask(gpu, queries);
+    let answered = agree::ask(gpu, root, queries);
     let device_time = start.elapsed();
-    let seen = agree::compare(&answered, structure, queries);
+    let seen = agree::compare(&answered, structure, root, queries);
     if queries.len() > 100_000 {
         let Answered { words, table, .. } = &answered;
-        let pool = Pool { words, table, log2_resolution: structure.record().log2_resolution };
+        let log2_resolution = structure.record().log2_resolution;
+        let pool = Pool { words, table, kind: structure.kind(), log2_resolution };
         let start = Instant::now();
-        let sum = queries.iter().map(|q| u64::from(pool.answer(0, *q)[0])).fold(0, u64::wrapping_add);
+        let sum = queries.iter().map(|q| u64::from(pool.answer(root, *q)[0])).fold(0, u64::wrapping_add);
         eprintln!("device with reading back {device_time:.1?}, twin on one core {:.1?} (sum {sum})", start.elapsed());
     }
     seen
@@ -57,7 +59,7 @@ fn hold(name: &str, structure: &Structure, seed: u64) {
         fill(&mut gpu, &mut dice, all);
         let stats = gpu.streamer().stats();
         assert_eq!(stats.resident == structure.page_count(), all, "{stats:?}");
-        let seen = compare(&mut gpu, structure, &queries);
+        let seen = compare(&mut gpu, structure, 0, &queries);
         assert_eq!(seen[1] == 0, all);
         assert!(seen[0] > 100_000 && seen[2] > 10_000, "{seen:?}");
         eprintln!(
@@ -77,6 +79,17 @@ fn a_million_queries_on_a_random_tree() {
     // And the reader's walk is the naive tree's, so the device's is.
     let map = umbrage_reader::query::Map::new(structure).unwrap();
     assert_eq!(map.texel(517, 300, 0).unwrap().value, tree.lookup(10, 517, 300, 0));
+}
+
+#[test]
+fn a_million_queries_on_random_vector_trees() {
+    for (seed, log2, bushy) in [(2, 10, 6), (5, 8, 7)] {
+        let (tree, bytes) = random_vector(&format!("parity-vector-{seed}"), seed, log2, bushy);
+        let structure = opened(bytes);
+        hold("vector tree", &structure, 17);
+        let map = umbrage_reader::query::Map::new(structure).unwrap();
+        assert_eq!(map.texel(117, 30, 0).unwrap().value, tree.lookup(log2, 117, 30, 0));
+    }
 }
 
 #[test]
@@ -112,25 +125,19 @@ fn repair(bytes: &mut [u8]) {
 }
 
 /// Files whose pages were changed at random and whose checksums are right: pages that pass their checks, next to pages
-/// that do not and are missing. Some parents then announce other children than the child page has.
-#[test]
-fn accepted_garbage_gives_the_same_answers() {
+/// that do not and are missing. Some parents then announce other children than the child page has. Of `rounds` files
+/// about one in `every` that has a sound root is asked on the device.
+fn garbage(bytes: &[u8], rounds: u32, every: u32, mut change: impl FnMut(&mut Dice, u32) -> u32) -> [u32; 2] {
     let headless = device();
-    let (_, bytes) = crate::tree::small("parity-garbage");
-    let first = opened(bytes.clone()).page_record(0).unwrap().offset.get() as usize;
+    let first = opened(bytes.to_vec()).page_record(0).unwrap().offset.get() as usize;
     let mut dice = Dice(4);
+    let mut kernels = None;
     let (mut changed, mut refused) = (0, 0);
-    for _ in 0..1500 {
-        let mut bad = bytes.clone();
+    for _ in 0..rounds {
+        let mut bad = bytes.to_vec();
         for _ in 0..=dice.roll(6) {
             let at = first + 4 * dice.roll(((bytes.len() - first) / 4) as u32) as usize;
-            let word = match dice.roll(4) {
-                0 => dice.roll(u32::MAX),
-                1 => dice.roll(64) << 16 | dice.roll(256),
-                2 => dice.roll(4) << 16 | 0x100 | dice.roll(256),
-                // A type in a mask: the likeliest to be accepted.
-                _ => u32::from_le_bytes(bad[at..at + 4].try_into().unwrap()) ^ 1 << dice.roll(16),
-            };
+            let word = change(&mut dice, u32::from_le_bytes(bad[at..at + 4].try_into().unwrap()));
             bad[at..at + 4].copy_from_slice(&word.to_le_bytes());
         }
         repair(&mut bad);
@@ -146,11 +153,15 @@ fn accepted_garbage_gives_the_same_answers() {
             assert!(error.is_err(), "a root that breaks a rule");
             continue;
         }
-        if bad == bytes || dice.roll(4) != 0 {
+        if bad == bytes || dice.roll(every) != 0 {
             continue;
         }
         changed += u32::from(good == structure.page_count());
         let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, 4 << 20).unwrap();
+        match &kernels {
+            None => kernels = Some(gpu.kernels().unwrap()),
+            Some(kernels) => gpu.use_kernels(std::sync::Arc::clone(kernels)),
+        }
         for _ in 0..5 {
             (0..structure.page_count()).for_each(|o| gpu.streamer_mut().request(o));
             gpu.answer(0, &[[0, 0, 255, 0]]).unwrap();
@@ -158,13 +169,63 @@ fn accepted_garbage_gives_the_same_answers() {
                 gpu.streamer_mut().wait(std::time::Duration::from_millis(20));
             }
         }
-        let side = 8;
-        let all: Vec<_> = [0, 1, 2, 3, 255]
-            .into_iter()
-            .flat_map(|l| (0..side * side).map(move |i| [i % side, i / side, l, 77]))
-            .collect();
-        compare(&mut gpu, &structure, &all);
+        compare(&mut gpu, &structure, 0, &every_texel(structure.record().log2_resolution));
     }
+    [changed, refused]
+}
+
+/// Every texel at every level and beyond.
+fn every_texel(log2: u8) -> Vec<[u32; 4]> {
+    let side = 1 << log2;
+    let texels = |l: u32| (0..side * side).map(move |i| [i % side, i / side, l, i.wrapping_mul(0x9E37_79B9)]);
+    (0..=u32::from(log2) + 1).chain([255]).flat_map(texels).collect()
+}
+
+#[test]
+fn accepted_garbage_gives_the_same_answers() {
+    let (_, bytes) = crate::tree::small("parity-garbage");
+    let [changed, refused] = garbage(&bytes, 1500, 4, |dice, word| match dice.roll(4) {
+        0 => dice.roll(u32::MAX),
+        1 => dice.roll(64) << 16 | dice.roll(256),
+        2 => dice.roll(4) << 16 | 0x100 | dice.roll(256),
+        // A type in a mask: the likeliest to be accepted.
+        _ => word ^ 1 << dice.roll(16),
+    });
     eprintln!("garbage: {changed} files wholly accepted and compared, {refused} roots refused");
     assert!(changed >= 20 && refused >= 20, "{changed} {refused}");
+}
+
+#[test]
+fn accepted_vector_garbage_gives_the_same_answers() {
+    let (_, bytes) = random_vector("parity-vector-garbage", 12, 4, 7);
+    let [changed, refused] = garbage(&bytes, 900, 3, |dice, word| match dice.roll(3) {
+        0 => word ^ 1 << dice.roll(32),
+        1 => word ^ 1 << dice.roll(32) ^ 1 << dice.roll(32),
+        _ => word.rotate_left(dice.roll(32)),
+    });
+    eprintln!("vector garbage: {changed} files wholly accepted and compared, {refused} roots refused");
+    assert!(changed >= 20 && refused >= 20, "{changed} {refused}");
+}
+
+#[test]
+fn golden_files_answer_on_the_device() {
+    let headless = device();
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden");
+    let mut kinds = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|e| e != "umb") {
+            continue;
+        }
+        let file = container(std::fs::read(path).unwrap());
+        for structure in file.structures().filter(|s| s.kind().has_layout()) {
+            let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, 4 << 20).unwrap();
+            fill(&mut gpu, &mut Dice(1), true);
+            for root in 0..structure.record().root_count.get() {
+                compare(&mut gpu, &structure, root, &every_texel(structure.record().log2_resolution));
+            }
+            kinds.push(structure.kind());
+        }
+    }
+    assert!(kinds.contains(&Kind::Vector) && kinds.contains(&Kind::Mh), "{kinds:?}");
 }

@@ -12,6 +12,7 @@ use umbrage_writer::hierarchy::build::Progress;
 use umbrage_writer::solid::Policy;
 
 use crate::tree::{Dice, Folder, ID, Naive, grow, pages, structure, write};
+use crate::vector_tree::{self, Node};
 
 /// One device for the whole program; without a driver every test fails and says what to install.
 pub fn device() -> &'static Headless {
@@ -25,10 +26,14 @@ pub fn device() -> &'static Headless {
     })
 }
 
+/// A file in memory.
+pub fn container(bytes: Vec<u8>) -> Container {
+    Container::open(Arc::new(MemorySource::new(bytes, "memory")), Limits::default()).unwrap()
+}
+
 /// Structure 0 of a file in memory.
 pub fn opened(bytes: Vec<u8>) -> Structure {
-    let file = Container::open(Arc::new(MemorySource::new(bytes, "memory")), Limits::default()).unwrap();
-    file.structure(0).unwrap()
+    container(bytes).structure(0).unwrap()
 }
 
 /// A small city, baked.
@@ -61,6 +66,22 @@ pub fn random_tree(name: &str, seed: u64, log2: u8, cuts: &[u8]) -> (Naive, Vec<
     let tree = grow(&mut Dice(seed), log2, true, 7);
     let pages = pages(&tree, log2, cuts);
     let record = structure("sun", Kind::Mh, log2, pages.len());
+    let bytes = write(name, ContainerOptions::new(ID), &[(record, pages)]);
+    (tree, bytes)
+}
+
+/// A random tree of kind `vector` in a file of at least 10 pages; the first from `seed` on that has so many.
+pub fn random_vector(name: &str, seed: u64, log2: u8, bushy: u32) -> (Node, Vec<u8>) {
+    let (tree, pages) = (seed..)
+        .map(|seed| {
+            let mut dice = Dice(seed);
+            let tree = vector_tree::grow(&mut |n| dice.roll(n), log2, true, bushy);
+            let pages = vector_tree::pages(&tree, log2);
+            (tree, pages)
+        })
+        .find(|(_, pages)| pages.len() >= 10)
+        .unwrap();
+    let record = structure("sun", Kind::Vector, log2, pages.len());
     let bytes = write(name, ContainerOptions::new(ID), &[(record, pages)]);
     (tree, bytes)
 }

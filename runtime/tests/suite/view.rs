@@ -9,7 +9,7 @@ use umbrage_runtime::gpu::{Pixel, ViewStats};
 use umbrage_runtime::lattice::FrameLattice;
 use umbrage_runtime::{GpuStreamer, Receiver, RuntimeError, ViewOptions};
 
-use crate::support::{city, device, opened, random_tree, shared_city};
+use crate::support::{city, device, opened, random_tree, random_vector, shared_city};
 use crate::tree::{Dice, Folder};
 
 /// Receivers all over the map and a little beyond, at depths around the stored ones.
@@ -105,6 +105,23 @@ fn a_view_that_does_not_fit_goes_in_parts_or_stops_with_ancestors() {
     show("tree, in parts", &view.stats, start);
     assert!(view.stats.exact && view.stats.evicted > 0, "{:?}", view.stats);
     receivers.iter().zip(&view.pixels).for_each(|(r, p)| right(&map, r, p));
+}
+
+#[test]
+fn a_vector_view_is_exact_with_room_and_with_little() {
+    let headless = device();
+    let (_, bytes) = random_vector("view-vector", 2, 10, 6);
+    let structure = opened(bytes);
+    let map = Map::new(structure.clone()).unwrap();
+    let receivers = receivers(&map, &mut Dice(6), 2_000);
+    for budget in [16 << 20, 1 << 20] {
+        let start = Instant::now();
+        let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, budget).unwrap();
+        let view = gpu.answer_view(&receivers, &ViewOptions::default()).unwrap();
+        show("vector", &view.stats, start);
+        assert!(view.stats.exact && view.stats.pages_read > 1, "{:?}", view.stats);
+        receivers.iter().zip(&view.pixels).for_each(|(r, p)| right(&map, r, p));
+    }
 }
 
 #[test]

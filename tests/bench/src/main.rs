@@ -50,6 +50,9 @@ pub struct Args {
     /// Texels on a side instead of the suite's own ones, repeatable
     #[arg(long = "resolution", value_name = "N")]
     resolutions: Vec<u64>,
+    /// For `query`: a file of kind vector of the scene and resolution, light 0.4,-0.8,0.3, as another candidate
+    #[arg(long, value_name = "FILE.umb")]
+    vector: Option<PathBuf>,
     /// How depth intervals come from geometry: closed, one-sided, thickness:T, second-surface or auto; closed for
     /// generated scenes and auto for files without it
     #[arg(long)]

@@ -74,6 +74,13 @@ fn main() -> std::io::Result<()> {
     // a value, a mask and a count changed, checksums good again; a bit flipped, checksums not repaired
     put("open", "values", &[3 | 1 << 2, 4 | 4 << 3, 12, 0, 9, 9, 0, 0])?;
     put("open", "masks", &[3 | 1 << 2, 4, 8, 0, 0x99, 0, 0, 0, 2 | 2 << 3, 20, 1, 1, 0, 0, 0])?;
+    // the same of trees of kind `vector`
+    for target in ["open", "query_agrees"] {
+        put(target, "vector", &[3 | 3 << 2])?;
+        put(target, "vector-two", &[3 | 4 << 2])?;
+        put(target, "vector-values", &[3 | 3 << 2, 4 | 1 << 3, 60, 0, 3, 0, 0, 0, 4 | 1 << 3, 90, 0, 5, 0, 0, 0])?;
+        put(target, "vector-header", &[3 | 3 << 2, 4 | 2 << 3, 12, 0, 1, 0, 0, 0])?;
+    }
     put("open", "flip", &[1 | 1 << 2, 3 | 1 << 3, 40, 0, 3, 0, 0, 0])?;
     put("open", "garbage", b"\0\xD5UMB\r\n\x1A\n\x01\0\0\0\x80\0\0\0")?;
 

@@ -14,8 +14,9 @@ use zerocopy::{FromBytes, IntoBytes};
 
 use crate::input::Input;
 use crate::tree::{Dice, ID, grow, pages, structure, write};
+use crate::vector_tree;
 
-/// Sound files to change: one leaf, a tree of three levels of pages, two structures.
+/// Sound files to change: one leaf, a tree of three levels of pages, two structures; behind them trees of kind `vector`.
 fn bases() -> &'static [Vec<u8>] {
     static BASES: OnceLock<Vec<Vec<u8>>> = OnceLock::new();
     BASES.get_or_init(|| {
@@ -23,11 +24,18 @@ fn bases() -> &'static [Vec<u8>] {
             let pages = pages(&grow(&mut Dice(seed), log2, true, bushy), log2, cuts);
             (structure(name, Kind::Mh, log2, pages.len()), pages)
         };
+        let vector = |name: &str, seed, log2, bushy| {
+            let mut dice = Dice(seed);
+            let pages = vector_tree::pages(&vector_tree::grow(&mut |n| dice.roll(n), log2, true, bushy), log2);
+            (structure(name, Kind::Vector, log2, pages.len()), pages)
+        };
         let options = ContainerOptions::new(ID);
         vec![
             write("fuzz-leaf", options, &[part("sun", 1, 0, &[], 6)]),
             write("fuzz-tree", options, &[part("sun", 7, 3, &[3, 2], 6)]),
             write("fuzz-two", options, &[part("sun", 2, 4, &[2], 6), part("moon", 3, 2, &[], 8)]),
+            write("fuzz-vector", options, &[vector("sun", 12, 4, 7)]),
+            write("fuzz-vector-two", options, &[vector("sun", 1, 0, 0), vector("moon", 3, 3, 8)]),
         ]
     })
 }
@@ -139,7 +147,7 @@ fn ask(file: &Container) {
     let mut faults = 0;
     file.verify(|_| faults += 1);
     for s in file.structures() {
-        let supported = s.kind() == Kind::Mh;
+        let supported = s.kind().has_layout();
         let map = match Map::new(s) {
             Ok(map) => map,
             Err(e) => {

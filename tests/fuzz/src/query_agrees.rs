@@ -4,7 +4,6 @@
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-use umbrage_format::Kind;
 use umbrage_reader::Structure;
 use umbrage_runtime::gpu::Kernels;
 use umbrage_runtime::{GpuStreamer, Headless};
@@ -29,7 +28,7 @@ fn streamer(structure: &Structure) -> Option<GpuStreamer> {
     match KERNELS.get() {
         Some(kernels) => gpu.use_kernels(kernels.clone()),
         None => {
-            let _ = KERNELS.set(gpu.kernels().expect("kind mh has kernels"));
+            let _ = KERNELS.set(gpu.kernels().expect("kinds with a layout have kernels"));
         }
     }
     Some(gpu)
@@ -56,14 +55,14 @@ fn compare(structure: &Structure) {
             steps(side).flat_map(move |y| steps(side).map(move |x| [x, y, l.into(), x.wrapping_mul(0x9E37_79B9)]))
         })
         .collect();
-    let answered = agree::ask(&mut gpu, &queries);
-    agree::compare(&answered, structure, &queries);
+    let answered = agree::ask(&mut gpu, 0, &queries);
+    agree::compare(&answered, structure, 0, &queries);
 }
 
 /// One input.
 pub fn run(data: &[u8]) {
     let Some(file) = container(data) else { return };
-    for s in file.structures().filter(|s| s.kind() == Kind::Mh) {
+    for s in file.structures().filter(|s| s.kind().has_layout()) {
         compare(&s);
     }
 }

@@ -11,7 +11,7 @@
 use umbrage_format::kind::mh::{Mask, ROOT_GROUP, child_of};
 use umbrage_format::projection::UNCOVERED;
 
-use super::{PageView, root_mask};
+use super::root_mask;
 use crate::query::resident::GRID_LEVELS;
 
 /// Pages that are all checked and linked.
@@ -126,13 +126,6 @@ impl Tree {
             return start.value;
         }
         self.walk(start, x, y, level).value
-    }
-
-    /// A page, for walks that say which pages they need.
-    pub(in crate::query) fn view(&self, ordinal: u32) -> Option<PageView<'_>> {
-        let &(start, first_child) = self.pages.get(ordinal as usize)?;
-        let end = self.pages.get(ordinal as usize + 1).map_or(self.words.len(), |next| next.0 as usize);
-        Some(PageView { words: self.words.get(start as usize..end)?, first_child })
     }
 
     /// Bytes held.

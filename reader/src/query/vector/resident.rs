@@ -1,4 +1,11 @@
-//! The walk of kind `vector` over all pages in one array, with a table of where each page's sections start.
+//! The walk of kind `vector` over all pages at once, laid out anew: nodes point at their children, entries are decoded
+//! and count places from the corner of the map, so that a lookup needs no page, no header and no counting of bits.
+//!
+//! - [`Tree`]: the groups of all pages, a grid of nodes where most walks begin, the entries;
+//! - [`Entry`]: one of a palette, ready to be evaluated;
+//! - `build`: from pages to both.
+//!
+//! `NOTES.md` has the figures of what was tried.
 
 #![deny(
     clippy::unwrap_used,
@@ -8,194 +15,179 @@
     clippy::cast_possible_truncation
 )]
 
+mod build;
+
 use umbrage_format::kind::mh::child_of;
-use umbrage_format::kind::vector::{Child, Layout, value};
 use umbrage_format::projection::UNCOVERED;
 
-use super::{PageView, centre, inside, side_mask};
-use crate::query::resident::GRID_LEVELS;
+use super::{centre, inside};
+
+pub(in crate::query) use build::{Page, words_held};
 
 /// Pages that are all checked and linked.
 #[derive(Debug)]
 pub(in crate::query) struct Tree {
-    /// The pages one behind the other.
-    words: Vec<u32>,
-    pages: Vec<Page>,
-    /// Walks that have come down to `grid_level` already, row by row.
-    grid: Vec<Walk>,
+    /// The children of each group, four and four. Group 0 has the root alone, at c = 0.
+    ///
+    /// A child is [`LEAF`] with what answers in its square, or the group of its own children.
+    nodes: Vec<u32>,
+    /// For each group what answers in its parent's square on the parent's level.
+    holds: Vec<u32>,
+    /// The nodes of `grid_level`, or the leaves above, row by row.
+    grid: Vec<u32>,
     grid_level: u8,
     log2_resolution: u8,
+    entries: Vec<Entry>,
+    /// The depths of raws.
+    raws: Vec<[u32; 16]>,
 }
 
-/// What a lookup needs of a page before it looks at its words.
-#[derive(Clone, Copy, Debug, Default)]
-struct Page {
-    /// First word in the array.
-    first: u32,
-    /// First child page.
-    first_child: u32,
-    /// Bits of coordinates that count in the footprint.
-    side_mask: u32,
-    layout: Layout,
-}
+/// Bit of a child: no children; the others say what answers: number of an entry, and [`PROVEN`].
+const LEAF: u32 = 1 << 31;
+/// Bit of what answers: it is proven over its whole square.
+const PROVEN: u32 = 1 << 30;
+/// Most levels that the grid spans.
+const GRID_LEVELS: u8 = 11;
 
-/// A walk between two groups.
+/// An entry of a page. Places count from the corner of the map: what lies between the corners of map and page is in
+/// `k` and `c`, which keeps every rounding as it is.
 #[derive(Clone, Copy, Debug)]
-struct Walk {
-    /// Page of the next group, a stub's parent page where that is a stub; where the walk has ended, what was found
-    /// ([`Tree::found`]).
-    page: u32,
-    /// Next group; [`ENDED`] where the walk has ended.
-    group: u32,
-    /// Page of the finest node with an entry; [`NOTHING`] where there was none.
-    found_page: u32,
-    /// That node: `4 * group + c`.
-    found: u32,
-    /// Level of the next group's nodes.
-    level: u8,
+enum Entry {
+    /// A plane, or a constant: a plane without slopes, so that the branch between them is none. `most` is the largest
+    /// value.
+    Plane {
+        offset: i64,
+        k: i64,
+        gx: i32,
+        gy: i32,
+        most: u32,
+        shift: u8,
+    },
+    Split {
+        c: i64,
+        k: i64,
+        m: i32,
+        axis: bool,
+        sides: [u32; 2],
+    },
+    /// `from` is the texel of the page's corner, of its 4 x 4.
+    Mask {
+        entries: [u32; 3],
+        selectors: u32,
+        from: (u8, u8),
+    },
+    Raw {
+        raw: u32,
+        from: (u8, u8),
+    },
 }
 
-/// No group: there are at most 32767 in a page.
-const ENDED: u32 = u32::MAX;
-/// No page.
-const NOTHING: u32 = u32::MAX;
-/// Bit of a found entry: it is proven over its whole square.
-const PROVEN: u32 = 1 << 31;
+/// Number of the texel of 4 x 4 that a place lies in.
+#[inline]
+fn cell(x: i64, y: i64, from: (u8, u8)) -> u32 {
+    let part = |v: i64, from: u8| u32::from(((v >> 8).to_le_bytes()[0]).wrapping_sub(from) & 3);
+    part(y, from.1) << 2 | part(x, from.0)
+}
+
+impl Entry {
+    /// The same value everywhere.
+    const fn constant(v: u32) -> Self {
+        Self::Plane { offset: v as i64, k: 0, gx: 0, gy: 0, most: v, shift: 0 }
+    }
+}
 
 impl Tree {
-    /// From the pages, their first words and first children, and the walks to the grid's cells.
-    pub(in crate::query) fn new(words: Vec<u32>, pages: &[(u32, u32)], log2_resolution: u8) -> Self {
-        let page = |&(first, first_child): &(u32, u32)| {
-            let own = words.get(first as usize..).unwrap_or_default();
-            Page { first, first_child, side_mask: side_mask(own), layout: Layout::of(own) }
-        };
-        let pages = pages.iter().map(page).collect();
-        let mut tree = Self { words, pages, grid: Vec::new(), grid_level: log2_resolution, log2_resolution };
-        tree.build_grid();
-        tree
-    }
-
-    /// Walks to every cell of the grid once.
+    /// The level where most walks begin: the finest that has no more nodes than the tree.
     fn build_grid(&mut self) {
-        let levels = GRID_LEVELS.min(self.log2_resolution);
-        let level = self.log2_resolution - levels;
-        let side = 1u32 << levels;
+        let fits = |levels: u8| self.nodes.len() >> (2 * levels) != 0;
+        let levels = (0..=GRID_LEVELS.min(self.log2_resolution)).rev().find(|l| fits(*l)).unwrap_or(0);
+        let (level, side) = (self.log2_resolution - levels, 1u32 << levels);
         let cells = (0..side).flat_map(|y| (0..side).map(move |x| (x << level, y << level)));
-        self.grid = cells.map(|(x, y)| self.walk(self.start(), x, y, level)).collect();
+        self.grid = cells.map(|(x, y)| self.walk(0, self.log2_resolution + 1, x, y, level).0).collect();
         self.grid_level = level;
     }
 
-    const fn start(&self) -> Walk {
-        Walk { page: 0, group: 0, found_page: NOTHING, found: 0, level: self.log2_resolution }
+    /// From a node of `from` (group 0 counts as one above the root) down to `level`, or to a leaf above: the child that
+    /// it is, and whether it is a leaf.
+    #[inline]
+    fn walk(&self, mut node: u32, from: u8, x: u32, y: u32, level: u8) -> (u32, bool) {
+        let mut at = from;
+        while node & LEAF == 0 {
+            if at <= level {
+                return (node, false);
+            }
+            at -= 1;
+            node = self.nodes.get((4 * node + child_of(x, y, at)) as usize).copied().unwrap_or(LEAF);
+        }
+        (node, true)
     }
 
+    /// What answers at a texel of the map: number of an entry, and [`PROVEN`].
     #[inline]
-    fn page(&self, ordinal: u32) -> (Page, &[u32]) {
-        let page = self.pages.get(ordinal as usize).copied().unwrap_or_default();
-        (page, self.words(&page))
+    fn find(&self, x: u32, y: u32, level: u8) -> u32 {
+        let (node, leaf) = if level > self.grid_level {
+            self.walk(0, self.log2_resolution + 1, x, y, level.min(self.log2_resolution))
+        } else {
+            let (shift, width) = (u32::from(self.grid_level), u32::from(self.log2_resolution - self.grid_level));
+            let cell = ((y >> shift) << width | x >> shift) as usize;
+            self.walk(self.grid.get(cell).copied().unwrap_or(LEAF), self.grid_level, x, y, level)
+        };
+        if leaf { node & !LEAF } else { self.holds.get(node as usize).copied().unwrap_or(0) }
     }
 
-    /// The words from a page's first on. Checked pages read nothing behind their end.
+    /// Value of an entry at a place of the map.
     #[inline]
-    fn words(&self, page: &Page) -> &[u32] {
-        self.words.get(page.first as usize..).unwrap_or_default()
-    }
-
-    /// Goes on until `level` has been visited or the walk ends.
-    #[inline]
-    fn walk(&self, mut w: Walk, x: u32, y: u32, level: u8) -> Walk {
-        let (mut page, mut words) = self.page(w.page);
+    fn value_at(&self, mut number: u32, x: i64, y: i64) -> u32 {
+        // Splits are at most three deep, and a mask's entries are constants or planes.
         loop {
-            let c = child_of(x, y, w.level);
-            let mut child = Child::of(words, w.group, c);
-            if child.mask.0 == 0 && w.group != 0 {
-                // Checked pages have a place for every stub.
-                w.page = page.first_child.wrapping_add(page.layout.stub(words, w.group).unwrap_or(0).into());
-                (page, words) = self.page(w.page);
-                w.group = 0;
-                child = Child::of(words, 0, c);
-            }
-            let kind = u32::from(child.mask.0) >> (2 * c) & 3;
-            // Types 1 and 2 have an entry, 2 and 3 children.
-            if kind == 1 || kind == 2 {
-                (w.found_page, w.found) = (w.page, 4 * w.group + c);
-            }
-            if kind < 2 {
-                // A leaf is itself what was found; its index is at hand.
-                w.page = if kind == 1 { Self::entry(&page, words, child.index) } else { self.found(&w) };
-                w.group = ENDED;
-                return w;
-            }
-            // Level 0 ends here in any case; checked pages have no children there.
-            let end = w.level <= level;
-            w.group = child.below;
-            w.level = w.level.saturating_sub(1);
-            if end {
-                return w;
+            match self.entries.get(number as usize) {
+                Some(Entry::Plane { offset, k, gx, gy, most, shift }) => {
+                    let rise = i64::from(*gx).wrapping_mul(x).wrapping_add(i64::from(*gy).wrapping_mul(y));
+                    let v = offset.wrapping_add(rise.wrapping_sub(*k) >> (shift & 63)).clamp(0, i64::from(*most));
+                    // Clamped to 32 bits.
+                    let [a, b, c, d, ..] = v.to_le_bytes();
+                    return u32::from_le_bytes([a, b, c, d]);
+                }
+                Some(Entry::Split { c, k, m, axis, sides: [a, b] }) => {
+                    let (u, t) = if *axis { (y, x) } else { (x, y) };
+                    let beyond = t << 12 >= c.wrapping_add(i64::from(*m).wrapping_mul(u).wrapping_sub(*k) >> 19);
+                    number = if beyond { *b } else { *a };
+                }
+                Some(Entry::Mask { entries: [a, b, c], selectors, from }) => {
+                    number = match selectors >> (2 * cell(x, y, *from)) & 3 {
+                        0 => *a,
+                        1 => *b,
+                        _ => *c,
+                    };
+                }
+                Some(Entry::Raw { raw, from }) => {
+                    let depth = self.raws.get(*raw as usize).and_then(|r| r.get(cell(x, y, *from) as usize));
+                    return depth.copied().unwrap_or(UNCOVERED);
+                }
+                None => return UNCOVERED,
             }
         }
-    }
-
-    /// The walk to a texel of the map.
-    #[inline]
-    fn find(&self, x: u32, y: u32, level: u8) -> Walk {
-        if level > self.grid_level {
-            return self.walk(self.start(), x, y, level);
-        }
-        let (shift, width) = (u32::from(self.grid_level), u32::from(self.log2_resolution - self.grid_level));
-        let cell = ((y >> shift) << width | x >> shift) as usize;
-        let start = self.grid.get(cell).copied().unwrap_or_else(|| self.start());
-        if level == self.grid_level || start.group == ENDED { start } else { self.walk(start, x, y, level) }
-    }
-
-    /// Entry of a node of a page, with [`PROVEN`].
-    #[inline]
-    fn entry(page: &Page, words: &[u32], index: u32) -> u32 {
-        let proven = if page.layout.proven(words, index) { PROVEN } else { 0 };
-        page.layout.entry(words, index) | proven
-    }
-
-    /// Entry that a walk found, with [`PROVEN`]; any where it found none.
-    #[inline]
-    fn found(&self, w: &Walk) -> u32 {
-        if w.group == ENDED {
-            return w.page;
-        }
-        let (page, words) = self.page(w.found_page);
-        Self::entry(&page, words, Child::of(words, w.found / 4, w.found % 4).index)
     }
 
     /// Stored depth at a texel of the map.
     #[inline]
     pub(in crate::query) fn value(&self, x: u32, y: u32, level: u8) -> u32 {
-        let w = self.find(x, y, level);
-        let Some(page) = self.pages.get(w.found_page as usize) else { return UNCOVERED };
+        let found = self.find(x, y, level);
         let level = level.min(self.log2_resolution);
-        let (x, y) = (centre(x & page.side_mask, level), centre(y & page.side_mask, level));
-        value(self.words(page), &page.layout, self.found(&w) & !PROVEN, x, y)
+        self.value_at(found & !PROVEN, centre(x, level), centre(y, level))
     }
 
     /// Depth at a place inside a texel of the map.
     #[inline]
     pub(in crate::query) fn continuous(&self, x: u32, y: u32, sub: [u8; 2]) -> u32 {
-        let w = self.find(x, y, 0);
-        let Some(page) = self.pages.get(w.found_page as usize) else { return UNCOVERED };
-        let entry = self.found(&w);
-        let [fx, fy] = if entry & PROVEN == 0 { [128; 2] } else { sub };
-        let (x, y) = (inside(x & page.side_mask, fx), inside(y & page.side_mask, fy));
-        value(self.words(page), &page.layout, entry & !PROVEN, x, y)
-    }
-
-    /// A page, for walks that say which pages they need.
-    pub(in crate::query) fn view(&self, ordinal: u32) -> Option<PageView<'_>> {
-        let page = self.pages.get(ordinal as usize)?;
-        let end = self.pages.get(ordinal as usize + 1).map_or(self.words.len(), |next| next.first as usize);
-        Some(PageView { words: self.words.get(page.first as usize..end)?, first_child: page.first_child })
+        let found = self.find(x, y, 0);
+        let [fx, fy] = if found & PROVEN == 0 { [128; 2] } else { sub };
+        self.value_at(found & !PROVEN, inside(x, fx), inside(y, fy))
     }
 
     /// Bytes held.
     pub(in crate::query) fn bytes(&self) -> usize {
-        let pages = self.pages.len() * size_of::<Page>();
-        self.words.len() * 4 + pages + self.grid.len() * size_of::<Walk>()
+        let words = self.nodes.len() + self.holds.len() + self.grid.len() + 16 * self.raws.len();
+        words * 4 + self.entries.len() * size_of::<Entry>()
     }
 }

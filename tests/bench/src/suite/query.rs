@@ -7,6 +7,7 @@ use std::hint::black_box;
 
 use rayon::prelude::*;
 use serde_json::json;
+use umbrage::format::Kind;
 use umbrage::reader::query::{Map, Resident};
 use umbrage::render::Scene;
 
@@ -27,6 +28,8 @@ const ROUNDS: usize = 9;
 const CASES: [&str; 2] = ["pixel order", "random"];
 /// Most that a lookup may take, in lookups of the row-major array, by case.
 const GOALS: [f64; 2] = [2.0, 5.0];
+/// The same for kind `vector`.
+const VECTOR_GOALS: [f64; 2] = [1.3, 2.0];
 /// Side of the square tiles of the tiled array.
 const TILE_LOG2: u32 = 3;
 
@@ -52,10 +55,11 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
         drop(pictures);
         let map = scenes::open(&file)?;
         let resident = map.preload()?;
-        let bench = Bench { name, resolution, log2, resident, map, arrays: Arrays::default() };
+        let vector = args.vector.as_deref().map(|file| Vector::open(file, resolution)).transpose()?;
+        let bench = Bench { name, resolution, log2, resident, map, vector, arrays: Arrays::default() };
         let bench = bench.with_arrays();
         for (i, texels) in [in_views, at_random].iter().enumerate() {
-            bench.measure(CASES[i], texels, GOALS[i], &file, &mut report)?;
+            bench.measure(CASES[i], texels, [GOALS[i], VECTOR_GOALS[i]], &file, &mut report)?;
         }
         report.notes.push(format!(
             "{name}: file {}, resident {}, each array {}",
@@ -63,6 +67,13 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
             bytes(bench.resident.bytes() as u64),
             bytes(bench.arrays.rows.len() as u64 * 4)
         ));
+        if let Some(v) = &bench.vector {
+            let same = v.map.lattice() == bench.map.lattice();
+            let place =
+                if same { "the same lattice" } else { "another lattice: its texels are elsewhere in the scene" };
+            let held = bytes(v.resident.bytes() as u64);
+            report.notes.push(format!("{name}: vector file {}, resident {held}, {place}", bytes(v.file_bytes)));
+        }
     }
     report
         .notes
@@ -91,12 +102,34 @@ struct Arrays {
     tiles: Vec<u32>,
 }
 
+/// A file of kind `vector`. Its values differ from the arrays', within the same intervals.
+struct Vector {
+    map: Map,
+    resident: Resident,
+    file_bytes: u64,
+}
+
+impl Vector {
+    fn open(file: &std::path::Path, resolution: u64) -> Result<Self, Failure> {
+        let map = scenes::open(file)?;
+        let (kind, found) = (map.structure().kind(), u64::from(map.resolution()));
+        if kind != Kind::Vector || found != resolution {
+            let what =
+                format!("{}: kind {} at {found}; kind vector at {resolution} is wanted", file.display(), kind.name());
+            return Err(Failure::input(what));
+        }
+        let resident = map.preload()?;
+        Ok(Self { map, resident, file_bytes: std::fs::metadata(file).map_or(0, |m| m.len()) })
+    }
+}
+
 struct Bench<'a> {
     name: &'a str,
     resolution: u64,
     log2: u32,
     resident: Resident,
     map: Map,
+    vector: Option<Vector>,
     arrays: Arrays,
 }
 
@@ -137,7 +170,7 @@ impl Bench<'_> {
         &self,
         case: &str,
         texels: &[Texel],
-        goal: f64,
+        goals: [f64; 2],
         file: &std::path::Path,
         report: &mut Report,
     ) -> Result<(), Failure> {
@@ -146,6 +179,15 @@ impl Bench<'_> {
             let all = [self.resident.value(t[0], t[1], 0), self.row_major(t), self.tiled(t)];
             if all.iter().any(|v| *v != lazily) {
                 return Err(Failure { code: 1, message: format!("texel {t:?}: {lazily} lazily, but {all:?}") });
+            }
+            if let Some(v) = &self.vector {
+                let (lazily, all) = (v.map.texel(t[0], t[1], 0)?.value, v.resident.value(t[0], t[1], 0));
+                if all != lazily {
+                    return Err(Failure {
+                        code: 1,
+                        message: format!("vector, texel {t:?}: {lazily} lazily, but {all}"),
+                    });
+                }
             }
         }
         let level = |l: u8| move |t: Texel| self.resident.value(t[0], t[1], l);
@@ -158,7 +200,7 @@ impl Bench<'_> {
         let on_disk = std::fs::metadata(file).map_or(0, |m| m.len());
         let resident = self.resident.bytes() as u64;
         // Name, level, pass, bytes held.
-        let methods = [
+        let mut methods = vec![
             ("row-major array", 0, "warm", array),
             ("tiled array", 0, "warm", array),
             ("mh resident", 0, "warm", resident),
@@ -167,22 +209,29 @@ impl Bench<'_> {
             ("mh lazy", 0, "warm", on_disk),
             ("mh lazy", 0, "first", on_disk),
         ];
-        let samples = Samples::take(
-            ROUNDS,
-            &mut [
-                &mut || sum(texels, |t| self.row_major(t)),
-                &mut || sum(texels, |t| self.tiled(t)),
-                &mut || sum(texels, level(0)),
-                &mut || sum(texels, level(3)),
-                &mut || sum(texels, level(6)),
-                &mut || sum(texels, |t| lazy(&self.map, t)),
-                &mut || {
-                    if let Some(map) = fresh.pop() {
-                        sum(texels, |t| lazy(&map, t));
-                    }
-                },
-            ],
-        );
+        let (mut rows, mut tiles) = (|| sum(texels, |t| self.row_major(t)), || sum(texels, |t| self.tiled(t)));
+        let (mut exact, mut third, mut sixth) =
+            (|| sum(texels, level(0)), || sum(texels, level(3)), || sum(texels, level(6)));
+        let mut lazily = || sum(texels, |t| lazy(&self.map, t));
+        let mut first = || {
+            if let Some(map) = fresh.pop() {
+                sum(texels, |t| lazy(&map, t));
+            }
+        };
+        let mut candidates: Vec<&mut dyn FnMut()> =
+            vec![&mut rows, &mut tiles, &mut exact, &mut third, &mut sixth, &mut lazily, &mut first];
+        let mut vector_runs: Vec<Box<dyn FnMut() + '_>> = Vec::new();
+        if let Some(v) = &self.vector {
+            let held = v.resident.bytes() as u64;
+            for l in [0, 3, 6] {
+                methods.push(("vector resident", l, "warm", held));
+                vector_runs.push(Box::new(move || sum(texels, |t| v.resident.value(t[0], t[1], l))));
+            }
+            methods.push(("vector lazy", 0, "warm", v.file_bytes));
+            vector_runs.push(Box::new(move || sum(texels, |t| lazy(&v.map, t))));
+        }
+        candidates.extend(vector_runs.iter_mut().map(|r| &mut **r as &mut dyn FnMut()));
+        let samples = Samples::take(ROUNDS, &mut candidates);
         let mut table = Table::new(
             &format!(
                 "{}, {} a side, {case}: {} lookups, {ROUNDS} rounds",
@@ -213,9 +262,12 @@ impl Bench<'_> {
                 "ratio": ratio, "ratio_min": least, "ratio_max": most,
             }));
         }
-        let ratio = samples[2].median() / base.median();
-        let what = format!("{}: mh resident in {case} at most {goal} x the row-major array", self.name);
-        report.goal(ratio <= goal, what, format!("{ratio:.2} x"));
+        for (method, goal) in [("mh resident", goals[0]), ("vector resident", goals[1])] {
+            let Some(i) = methods.iter().position(|m| (m.0, m.1) == (method, 0)) else { continue };
+            let ratio = samples[i].median() / base.median();
+            let what = format!("{}: {method} in {case} at most {goal} x the row-major array", self.name);
+            report.goal(ratio <= goal, what, format!("{ratio:.2} x"));
+        }
         report.tables.push(table);
         Ok(())
     }

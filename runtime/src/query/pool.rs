@@ -1,0 +1,140 @@
+//! What the walks of all kinds share: twin of `shader/query/pool.wgsl` and `shader/query/answer.wgsl`, and the numbers
+//! that both sides use.
+
+use umbrage_format::Kind;
+use umbrage_format::kind::mh::Mask;
+use umbrage_format::page::FrameHead;
+use umbrage_format::projection::UNCOVERED;
+use umbrage_format::structure::MAX_LOG2_RESOLUTION;
+
+/// First word of a table entry whose page is not in the pool.
+pub const NOT_RESIDENT: u32 = u32::MAX;
+/// No page, where an ordinal could stand.
+pub const NONE: u32 = u32::MAX;
+/// Most nodes of a walk: one for each level, and one in reserve.
+pub const MAX_STEPS: u32 = MAX_LOG2_RESOLUTION as u32 + 2;
+/// Bit of a state: lit.
+pub const LIT: u32 = 1;
+/// Bit of a state: the nearest resident ancestor answered, a page was missing.
+pub const ANCESTOR: u32 = 2;
+/// Bit of a state: outside the map, where nothing is known; lit.
+pub const OUTSIDE: u32 = 4;
+/// Bit of a state: nothing was missing.
+pub const EXACT: u32 = 8;
+/// Level of the answering node, 5 bits from here.
+pub const LEVEL_SHIFT: u32 = 8;
+/// The answering node in its page, 17 bits from here; see [`Answer::word`].
+pub const WORD_SHIFT: u32 = 15;
+
+/// Where a walk ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// The depth; [`UNCOVERED`] where there was no value.
+    pub value: u32,
+    /// Level of the node that it comes from.
+    pub level: u32,
+    /// Page of that node.
+    pub page: u32,
+    /// That node in its page: its word in `mh`, its number `4 * group + c` in `vector`.
+    pub word: u32,
+    /// The page that the walk needed and did not get, or [`NONE`].
+    pub missing: u32,
+}
+
+impl Answer {
+    /// Light or shadow for a receiver at lattice depth `depth`, rounded up, with the bits above.
+    pub fn state(&self, depth: u32) -> u32 {
+        let lit = if depth <= self.value { LIT } else { 0 };
+        let whole = if self.missing == NONE { EXACT } else { ANCESTOR };
+        self.level << LEVEL_SHIFT | self.word << WORD_SHIFT | lit | whole
+    }
+}
+
+/// The device's buffers as words.
+#[derive(Clone, Copy, Debug)]
+pub struct Pool<'a> {
+    /// All slots.
+    pub words: &'a [u32],
+    /// For each page its first word, or [`NOT_RESIDENT`], and its first child.
+    pub table: &'a [[u32; 2]],
+    /// How the structure is encoded.
+    pub kind: Kind,
+    /// Levels below the root, at most 24.
+    pub log2_resolution: u8,
+}
+
+/// A page in the pool.
+#[derive(Clone, Copy)]
+pub(super) struct Page<'a> {
+    pub(super) words: &'a [u32],
+    pub(super) first_child: u32,
+}
+
+impl Page<'_> {
+    /// A word; 0 outside.
+    pub(super) fn word(&self, at: u32) -> u32 {
+        self.words.get(at as usize).copied().unwrap_or(0)
+    }
+
+    /// Both words of the frame.
+    pub(super) fn head(&self) -> FrameHead {
+        let zero = FrameHead { tag: 0, root_mask: 0, child_refs: 0, words: 0, root_level: 0 };
+        FrameHead::decode(&[self.word(0), self.word(1)]).unwrap_or(zero)
+    }
+
+    pub(super) fn root_mask(&self) -> Mask {
+        Mask(self.head().root_mask)
+    }
+}
+
+impl<'a> Pool<'a> {
+    /// A page by its ordinal; whatever table and frame say, its words lie in the pool.
+    pub(super) fn page(&self, ordinal: u32) -> Option<Page<'a>> {
+        let &[at, first_child] = self.table.get(ordinal as usize)?;
+        let room = self.words.get(at as usize..).filter(|r| !r.is_empty())?;
+        let words = FrameHead::decode(room).map_or(0, |h| usize::from(h.words));
+        Some(Page { words: &room[..words.min(room.len())], first_child })
+    }
+
+    /// Level of the root.
+    pub(super) fn top(&self) -> u8 {
+        self.log2_resolution.min(MAX_LOG2_RESOLUTION)
+    }
+
+    /// What a walk from root `root` knows before its first page.
+    pub(super) fn nothing(&self, root: u32) -> Answer {
+        Answer { value: UNCOVERED, level: self.log2_resolution.into(), page: root, word: 0, missing: NONE }
+    }
+
+    /// Walks from root `root` to texel (x, y) at `level`, by the structure's kind; a kind that has no walk answers as
+    /// one whose root is missing.
+    pub fn texel(&self, root: u32, x: u32, y: u32, level: u32) -> Answer {
+        match self.kind {
+            Kind::Mh => self.mh(root, x, y, level),
+            Kind::Vector => self.vector(root, x, y, level),
+            _ => Answer { missing: root, ..self.nothing(root) },
+        }
+    }
+
+    /// Answer at a place inside texel (x, y), `sub` 1/256 of a texel from its corner; in kind `mh` the texel's own.
+    pub fn continuous(&self, root: u32, x: u32, y: u32, sub: [u32; 2]) -> Answer {
+        match self.kind {
+            Kind::Vector => self.vector_continuous(root, x, y, sub),
+            _ => self.texel(root, x, y, 0),
+        }
+    }
+
+    /// Whether a texel lies outside the map.
+    pub fn outside(&self, x: u32, y: u32) -> bool {
+        x >> self.top() != 0 || y >> self.top() != 0
+    }
+
+    /// What the kernel `answer` makes of a query (x, y, level, depth rounded up): value, state, missing, page.
+    pub fn answer(&self, root: u32, [x, y, level, depth]: [u32; 4]) -> [u32; 4] {
+        if self.outside(x, y) {
+            return [UNCOVERED, LIT | OUTSIDE | EXACT, NONE, NONE];
+        }
+        let d = self.texel(root, x, y, level);
+        [d.value, d.state(depth), d.missing, d.page]
+    }
+}

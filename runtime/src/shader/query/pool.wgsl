@@ -1,0 +1,120 @@
+// What the walks of all kinds share: pages in the pool, the feedback, what an answer is. Twin of query/pool.rs: the same
+// rules in the same order.
+
+struct UmbAnswer {
+    // The depth; UMB_UNCOVERED where there was no value.
+    value: u32,
+    // Level of the node that it comes from.
+    level: u32,
+    // Page of that node.
+    page: u32,
+    // That node in its page: its word in mh, its number 4 * group + c in vector.
+    word: u32,
+    // The page that the walk needed and did not get, or UMB_NO_PAGE.
+    missing: u32,
+}
+
+struct UmbPage {
+    resident: bool,
+    base: u32,
+    words: u32,
+    first_child: u32,
+}
+
+// A page by its ordinal. Whatever table and frame say, base + words does not leave the pool.
+fn umb_page(ordinal: u32) -> UmbPage {
+    if ordinal >= umb_view.pages {
+        return UmbPage(false, 0u, 0u, 0u);
+    }
+    let entry = umb_table[ordinal];
+    if entry.x >= umb_view.pool_words {
+        return UmbPage(false, 0u, 0u, 0u);
+    }
+    let room = umb_view.pool_words - entry.x;
+    var words = 0u;
+    if UMB_FRAME_WORDS_WORD < room {
+        words = (umb_pool[entry.x + UMB_FRAME_WORDS_WORD] >> UMB_FRAME_WORDS_SHIFT) & 0xFFFFu;
+    }
+    return UmbPage(true, entry.x, min(words, room), entry.y);
+}
+
+// A word of a page; 0 outside.
+fn umb_word(page: UmbPage, at: u32) -> u32 {
+    if at >= page.words {
+        return 0u;
+    }
+    return umb_pool[page.base + at];
+}
+
+// Puts a page into the list of the missed, once a frame.
+fn umb_request(ordinal: u32) {
+    if ordinal >= umb_view.pages {
+        return;
+    }
+    let word = UMB_FEEDBACK_LIST + umb_view.used_words + ordinal / 32u;
+    let bit = 1u << (ordinal % 32u);
+    // Most invocations of a frame miss the same few pages: look before writing.
+    if (atomicLoad(&umb_feedback[word]) & bit) != 0u {
+        return;
+    }
+    if (atomicOr(&umb_feedback[word], bit) & bit) != 0u {
+        return;
+    }
+    let at = atomicAdd(&umb_feedback[0], 1u);
+    if at < UMB_FEEDBACK_CAPACITY {
+        atomicStore(&umb_feedback[UMB_FEEDBACK_HEAD + at], ordinal);
+    }
+}
+
+// Notes that a walk ended in the page at this word of the pool.
+fn umb_use(base: u32) {
+    let unit = base / UMB_UNIT_WORDS;
+    if unit / 32u >= umb_view.used_words {
+        return;
+    }
+    let word = UMB_FEEDBACK_LIST + unit / 32u;
+    let bit = 1u << (unit % 32u);
+    if (atomicLoad(&umb_feedback[word]) & bit) == 0u {
+        atomicOr(&umb_feedback[word], bit);
+    }
+}
+
+// Level of the root.
+fn umb_top() -> u32 {
+    return min(umb_view.log2_resolution, UMB_MAX_LOG2);
+}
+
+// What a walk from a root knows before its first page.
+fn umb_nothing(root: u32) -> UmbAnswer {
+    return UmbAnswer(UMB_UNCOVERED, umb_view.log2_resolution, root, 0u, UMB_NO_PAGE);
+}
+
+// Which child a texel lies in, of a group of nodes at `level`.
+fn umb_child(x: u32, y: u32, level: u32) -> u32 {
+    return ((x >> level) & 1u) | (((y >> level) & 1u) << 1u);
+}
+
+// Child page `place` of a page. No structure has the ordinal at which this saturates.
+fn umb_child_page(page: UmbPage, place: u32) -> u32 {
+    return page.first_child + min(place, 0xFFFFFFFFu - page.first_child);
+}
+
+// Light or shadow for a receiver in the answer's texel at lattice depth `depth`, rounded up: UMB_LIT, UMB_ANCESTOR,
+// UMB_OUTSIDE, UMB_EXACT as bits, level and word of the answering node above them.
+fn umb_state(d: UmbAnswer, depth: u32) -> u32 {
+    var state = (d.level << UMB_LEVEL_SHIFT) | (d.word << UMB_WORD_SHIFT);
+    if depth <= d.value {
+        state |= UMB_LIT;
+    }
+    if d.missing == UMB_NO_PAGE {
+        state |= UMB_EXACT;
+    } else {
+        state |= UMB_ANCESTOR;
+    }
+    return state;
+}
+
+// Whether a texel lies outside the map.
+fn umb_outside(x: u32, y: u32) -> bool {
+    return (x >> umb_top()) != 0u || (y >> umb_top()) != 0u;
+}
