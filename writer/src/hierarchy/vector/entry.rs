@@ -5,6 +5,7 @@
 //! plane's stored function lies above `P - 2` and not above `P`, a line's within 2^-19 texel.
 
 use rustc_hash::FxHashMap as HashMap;
+use std::collections::BTreeSet;
 
 use umbrage_format::projection::UNCOVERED;
 
@@ -183,6 +184,8 @@ pub struct Palette {
     /// Lines by number.
     pub lines: Vec<Line>,
     by_entry: HashMap<Entry, EntryId>,
+    values: BTreeSet<u32>,
+    offsets: HashMap<(i32, i32, u8), Vec<i64>>,
     by_line: HashMap<Line, u32>,
 }
 
@@ -192,6 +195,8 @@ impl Default for Palette {
             entries: Vec::new(),
             lines: Vec::new(),
             by_entry: HashMap::default(),
+            values: BTreeSet::new(),
+            offsets: HashMap::default(),
             by_line: HashMap::default(),
         };
         palette.entry(Entry::Constant(UNCOVERED));
@@ -204,8 +209,32 @@ impl Palette {
     pub fn entry(&mut self, entry: Entry) -> EntryId {
         *self.by_entry.entry(entry).or_insert_with(|| {
             self.entries.push(entry);
+            match entry {
+                Entry::Constant(v) => {
+                    self.values.insert(v);
+                }
+                Entry::Plane(p) => self.offsets.entry((p.gx, p.gy, p.shift)).or_default().push(p.offset),
+                _ => {}
+            }
             self.entries.len() as u32 - 1
         })
+    }
+
+    /// A constant that is there, of those from `low` to `high`.
+    pub fn constant(&self, low: u32, high: u32) -> Option<u32> {
+        self.values.range(low..=high).next().copied()
+    }
+
+    /// Whether the constant is there.
+    pub fn has(&self, value: u32) -> bool {
+        self.values.contains(&value)
+    }
+
+    /// A plane of this slope that is there, with an offset from `low` to `high`.
+    pub fn parallel(&self, plane: &Plane, low: i64, high: i64) -> Option<Plane> {
+        let offsets = self.offsets.get(&(plane.gx, plane.gy, plane.shift))?;
+        let offset = offsets.iter().rev().take(64).copied().find(|o| low <= *o && *o <= high)?;
+        Some(Plane { offset, ..*plane })
     }
 
     /// Number of a line.
@@ -219,6 +248,47 @@ impl Palette {
     /// The entry of a number.
     pub fn get(&self, id: EntryId) -> Entry {
         self.entries[id as usize]
+    }
+
+    /// Numbers of entries and lines so far.
+    pub fn mark(&self) -> (usize, usize) {
+        (self.entries.len(), self.lines.len())
+    }
+
+    /// Forgets what came after the mark.
+    pub fn back(&mut self, (entries, lines): (usize, usize)) {
+        for entry in self.entries.drain(entries..) {
+            self.by_entry.remove(&entry);
+            match entry {
+                Entry::Constant(v) => {
+                    self.values.remove(&v);
+                }
+                Entry::Plane(p) => {
+                    if let Some(o) = self.offsets.get_mut(&(p.gx, p.gy, p.shift)) {
+                        o.retain(|o| *o != p.offset);
+                    }
+                }
+                _ => {}
+            }
+        }
+        for line in self.lines.drain(lines..) {
+            self.by_line.remove(&line);
+        }
+    }
+
+    /// Words that an entry takes that was not there at the mark.
+    pub fn price(&self, id: EntryId, mark: (usize, usize)) -> u32 {
+        if (id as usize) < mark.0 {
+            return 0;
+        }
+        let parts: u32 = self.parts(id).into_iter().flatten().map(|p| self.price(p, mark)).sum();
+        parts
+            + match self.get(id) {
+                Entry::Constant(_) => 1,
+                Entry::Plane(_) => 3,
+                Entry::Split { line, .. } => 1 + if (line as usize) < mark.1 { 0 } else { 3 },
+                Entry::Mask { .. } => 2,
+            }
     }
 
     /// Takes in what `other` has; returns its entries' numbers here, [`EntryId::MAX`] where `used` says no.

@@ -45,6 +45,14 @@ const BEND: f64 = 0.05;
 /// Texels that are looked at one by one, for each texel of the square's side.
 const MOST_TIPS: f64 = 12.0;
 
+/// Knob.
+pub fn knob(name: &str, default: i64) -> i64 {
+    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+/// Knobs.
+pub struct Knobs { price: [u32; 7], cr2: usize, cr3: usize, cr: usize, cut2: usize, cut3: usize, doubt2: usize }
+static KNOBS: std::sync::LazyLock<Knobs> = std::sync::LazyLock::new(|| Knobs { price: [1000, 1000, knob("B2", 1000) as u32, knob("B3", 1000) as u32, knob("B4", 1000) as u32, knob("B5", 1000) as u32, knob("B6", 1000) as u32], cr2: knob("CR2", 2) as usize, cr3: knob("CR3", 2) as usize, cr: knob("CR", 2) as usize, cut2: knob("CUT2", 3) as usize, cut3: knob("CUT3", 3) as usize, doubt2: knob("DB2", 4) as usize });
+
 /// A line through a square.
 #[derive(Clone, Copy)]
 struct Cut {
@@ -168,10 +176,18 @@ impl<'a> Search<'a> {
             palette.simple(id, &mut self.simple);
         }
         self.simple.truncate(6);
-        let id = self.cell(palette, list, p, size, &mut Vec::new())?;
-        if self.cells.len() > 1 && !self.sound(palette, id, list, p, size) {
+        let mark = palette.mark();
+        let id = self.cell(palette, list, p, size, &mut Vec::new());
+        let level = (size >> self.scale.subtexel_bits).trailing_zeros() as usize;
+        let id = id.filter(|id| {
+            self.cells.len() == 1
+                || (palette.price(*id, mark) <= KNOBS.price.get(level).copied().unwrap_or(1000)
+                    && self.sound(palette, *id, list, p, size))
+        });
+        let Some(id) = id else {
+            palette.back(mark);
             return None;
-        }
+        };
         self.edge_texels += self.cells.iter().filter_map(|c| c.tip).map(|t| t.edges).sum::<u64>();
         Some(id)
     }
@@ -197,13 +213,16 @@ impl<'a> Search<'a> {
             self.cells.push(Cell { path: path.clone(), list: list.to_vec(), entry, value, tip });
             return Some(entry);
         }
-        if !self.lines || path.len() >= MOST_CUTS || list.len() > CUT_LIST || self.cells.len() >= 4 {
+        let level = (size >> self.scale.subtexel_bits).trailing_zeros();
+        let most_cuts = match level { 2 => KNOBS.cut2, 3 => KNOBS.cut3, _ => 3 };
+        if !self.lines || path.len() >= most_cuts || list.len() > CUT_LIST || self.cells.len() >= 4 {
             return None;
         }
         // one line alone: see NOTES.md
         let mut cuts = self.candidates(list, region, 1, path);
         if cuts.is_empty() {
             cuts = self.creases(list, region, path);
+            cuts.truncate(match level { 2 => KNOBS.cr2, 3 => KNOBS.cr3, _ => KNOBS.cr });
         }
         for cut in cuts {
             let (cuts, cells) = (self.cuts.len(), self.cells.len());
@@ -360,14 +379,14 @@ impl<'a> Search<'a> {
                     self.remember(id);
                     return Some((id, None));
                 }
-                if let Some(own) = self.fitted(&plane, range) {
+                if let Some(own) = self.fitted(palette, &plane, range) {
                     return Some((palette.entry(Entry::Plane(own)), None));
                 }
             }
         }
         if self.may_be_level()
             && let Some((low, high)) = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close)
-            && let Some(v) = self.constant(low, high)
+            && let Some(v) = self.constant(palette, low, high)
         {
             return Some((palette.entry(Entry::Constant(v)), None));
         }
@@ -384,7 +403,7 @@ impl<'a> Search<'a> {
                     if self.fits(&plane, range) {
                         return Some((palette.entry(Entry::Plane(plane)), None));
                     }
-                    if let Some(own) = self.fitted(&plane, range) {
+                    if let Some(own) = self.fitted(palette, &plane, range) {
                         return Some((palette.entry(Entry::Plane(own)), None));
                     }
                 }
@@ -525,22 +544,27 @@ impl<'a> Search<'a> {
     }
 
     /// The plane of the same slope in the middle, if there is room.
-    fn fitted(&self, plane: &Plane, (low, high): (i64, i64)) -> Option<Plane> {
+    fn fitted(&self, palette: &Palette, plane: &Plane, (low, high): (i64, i64)) -> Option<Plane> {
         let margin = plane.reach(self.scale).ceil() as i64 + i64::from(self.guard);
         let (low, high) = (low + margin + 2, high - margin - 1);
         let (whole, _) = plane.at(self.rays.corner, self.scale);
-        (low <= high).then(|| Plane { offset: plane.offset + (low + (high - low) / 2 - whole), ..*plane })
+        if low > high {
+            return None;
+        }
+        let [low, high] = [low, high].map(|v| plane.offset + v - whole);
+        let there = palette.parallel(plane, low, high);
+        Some(there.unwrap_or(Plane { offset: low + (high - low) / 2, ..*plane }))
     }
 
     /// The value with the fewest significant bits that keeps the guard.
-    pub fn constant(&self, low: i64, high: i64) -> Option<u32> {
+    fn constant(&self, palette: &Palette, low: i64, high: i64) -> Option<u32> {
         let low = u32::try_from(low).ok()?;
         let high = u32::try_from(high).ok()?;
         let interval = Interval { min: low, max: high };
         if interval.width() < wide(self.guard) {
             return None;
         }
-        Some(fewest_bits(interval.guarded(self.guard)))
+        Some(known(palette, interval.guarded(self.guard)))
     }
 
     /// Whether the surface covers the part of the region, alone or with the flattest neighbour: then that one, and the most that
@@ -703,7 +727,7 @@ impl<'a> Search<'a> {
     /// Whether all cells fit together, and every centre is told to be in the right one.
     fn sound(&mut self, palette: &Palette, id: EntryId, list: &[u32], p: [i64; 2], size: i64) -> bool {
         self.doubtful.clear();
-        let most = DOUBTS * (size >> self.scale.subtexel_bits) as usize + 8;
+        let most = (if size >> self.scale.subtexel_bits == 4 { KNOBS.doubt2 } else { DOUBTS }) * (size >> self.scale.subtexel_bits) as usize + 8;
         for i in 0..self.cells.len() {
             for j in i + 1..self.cells.len() {
                 // a tip's plane is right for texels that lie inside its cell, and for centres of edge texels
@@ -897,6 +921,12 @@ impl<'a> Search<'a> {
     pub fn silhouettes(&mut self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
         self.candidates(list, Region::square(p, size), most, &[]).into_iter().map(|c| c.line).collect()
     }
+}
+
+/// A value of the interval that the palette has, or the one that ends in the most zero bits.
+pub fn known(palette: &Palette, interval: Interval) -> u32 {
+    let v = fewest_bits(interval);
+    if palette.has(v) { v } else { palette.constant(interval.min, interval.max).unwrap_or(v) }
 }
 
 /// The value of the interval that ends in the most zero bits.

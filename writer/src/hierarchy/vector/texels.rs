@@ -1,7 +1,7 @@
 //! A block of 4 x 4 texels, each with its exact interval: the fewest entries that answer all of them.
 
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale};
-use super::search::fewest_bits;
+use super::search::known;
 use crate::interval::Interval;
 use umbrage_format::projection::UNCOVERED;
 
@@ -52,7 +52,7 @@ pub fn block(
     while left != 0 {
         let new = |o: &(Entry, u32, bool)| (o.1 & left).count_ones();
         let best = options.iter().enumerate().max_by_key(|(i, o)| (new(o), o.2, usize::MAX - i)).map(|(_, o)| *o);
-        let stab = stab(intervals, left);
+        let stab = stab(palette, intervals, left);
         let stabbed = (Entry::Constant(stab.0), right(Entry::Constant(stab.0)));
         let made = best.is_some_and(|b| b.2);
         match best.filter(|b| {
@@ -103,7 +103,7 @@ fn split(
     if let Some(o) = whole {
         return Some(palette.entry(o.0));
     }
-    let (value, count) = stab(intervals, 0xFFFF);
+    let (value, count) = stab(palette, intervals, 0xFFFF);
     if count == 16 {
         return Some(palette.entry(Entry::Constant(value)));
     }
@@ -112,7 +112,7 @@ fn split(
         if ready.is_some_and(|r| r.1 == 0) {
             return ready;
         }
-        let (value, count) = stab(intervals, need);
+        let (value, count) = stab(palette, intervals, need);
         if count == need.count_ones() { Some((Entry::Constant(value), 1)) } else { ready }
     };
     let mut best: Option<(u32, Line, Entry, Entry)> = None;
@@ -171,7 +171,7 @@ pub fn allows(entry: Entry, interval: Interval, origin: [u32; 2], n: u32, scale:
 }
 
 /// The depth that lies in the most intervals of the texels in `left`, and how many.
-fn stab(intervals: &[Interval; 16], left: u32) -> (u32, u32) {
+fn stab(palette: &Palette, intervals: &[Interval; 16], left: u32) -> (u32, u32) {
     let mut best = (0u32, 0u32, Interval::UNCOVERED);
     for n in 0..16 {
         if left >> n & 1 == 0 {
@@ -189,5 +189,5 @@ fn stab(intervals: &[Interval; 16], left: u32) -> (u32, u32) {
             best = (v, count, Interval { min: v, max });
         }
     }
-    (fewest_bits(best.2), best.1)
+    (known(palette, best.2), best.1)
 }
