@@ -93,6 +93,18 @@ impl<'a> Region<'a> {
         (self.shear[0].abs() + self.shear[1].abs()) * 134217728.0 * 8.0 * f64::EPSILON
     }
 
+    /// Lattice points inside, near its corners.
+    pub(crate) fn corners(&self, polygon: &mut Polygon, out: &mut Vec<[i64; 2]>) {
+        polygon.region(self);
+        let n = polygon.points.len() as f64;
+        let sum = polygon.points.iter().fold([0.0; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
+        out.extend(polygon.points.iter().filter_map(|q| {
+            let q = [0, 1].map(|i| (q[i] + (sum[i] / n - q[i]) / 32.0).round() as i64);
+            let inside = (0..2).all(|i| self.p[i] < q[i] && q[i] < self.p[i] + self.size);
+            (inside && self.lines.iter().all(|l| l.at(q) > 0)).then_some(q)
+        }));
+    }
+
     /// A lattice point inside, or none that was found.
     pub(crate) fn sample(&self, polygon: &mut Polygon) -> Option<[i64; 2]> {
         let centre = [self.p[0] + self.size / 2, self.p[1] + self.size / 2];
@@ -164,6 +176,8 @@ pub struct Prover {
     reach: Vec<Reach>,
     slabs: Vec<Slab>,
     polygon: Polygon,
+    /// The region.
+    base: Polygon,
     /// Largest depth that stays in the lattice, counted as the region says.
     deepest: i64,
     /// A point inside the region.
@@ -206,6 +220,7 @@ impl Prover {
         let Region { p, size, .. } = region;
         let close = close || !region.lines.is_empty();
         self.reach.clear();
+        self.base.region(&region);
         for &i in list {
             let l = &locals[i as usize];
             let (mut low, mut high) =
@@ -213,7 +228,7 @@ impl Prover {
             let mut all = l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
             if close && !all && l.event != Event::Wall {
                 all = !region.lines.is_empty() && self.polygon.covered(rays, l, &region, 3, WHOLE);
-                self.polygon.region(&region);
+                self.polygon.points.clone_from(&self.base.points);
                 self.polygon.clip(l);
                 let (sx, sy) = (l.sx - region.shear[0], l.sy - region.shear[1]);
                 let (a, b) = self.polygon.range(l.z0, sx, sy);
@@ -433,7 +448,10 @@ impl Polygon {
     /// Keeps what lies in the surface's projection or within [`MARGIN`] of it.
     fn clip(&mut self, l: &Local) {
         for k in 0..3 {
-            self.keep(&HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] }, MARGIN);
+            // an edge that the whole tile lies inside of
+            if l.a[k] != 0 || l.b[k] != 0 {
+                self.keep(&HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] }, MARGIN);
+            }
         }
     }
 
@@ -444,17 +462,25 @@ impl Polygon {
     }
 
     fn keep_linear(&mut self, a: f64, b: f64, c: f64) {
+        let at = |p: &[f64; 2]| a * p[0] + b * p[1] + c;
+        // most edges do not cross the region
+        if self.points.iter().all(|p| at(p) >= 0.0) {
+            return;
+        }
         self.spare.clear();
-        for i in 0..self.points.len() {
-            let (p, q) = (self.points[i], self.points[(i + 1) % self.points.len()]);
-            let (e, f) = (a * p[0] + b * p[1] + c, a * q[0] + b * q[1] + c);
-            if e >= 0.0 {
-                self.spare.push(p);
-            }
+        let Some(&last) = self.points.last() else { return };
+        let mut p = last;
+        let mut e = at(&p);
+        for &q in &self.points {
+            let f = at(&q);
             if (e >= 0.0) != (f >= 0.0) {
                 let t = e / (e - f);
                 self.spare.push([p[0] + (q[0] - p[0]) * t, p[1] + (q[1] - p[1]) * t]);
             }
+            if f >= 0.0 {
+                self.spare.push(q);
+            }
+            (p, e) = (q, f);
         }
         std::mem::swap(&mut self.points, &mut self.spare);
     }

@@ -203,6 +203,7 @@ impl Context<'_> {
         let node = tile.forest.compact(node);
         let mut counts = tile.counts;
         counts.edge_texels += tile.search.edge_texels;
+        counts.texels_evaluated += tile.search.looked;
         counts.effort = tile.scratch.effort;
         self.progress.release(held);
         Part { forest: tile.forest, node, counts }

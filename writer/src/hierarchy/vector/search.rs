@@ -24,7 +24,8 @@ use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, be
 use super::segment::{border, clip_segment, clip_to_surface};
 use crate::interval::proof::{HalfPlane, Polygon, Prover, Region};
 use crate::interval::ray::{RayScratch, Rays, Stretch};
-use crate::interval::triangle::Local;
+use crate::interval::texel::{Scratch, texel};
+use crate::interval::triangle::{Cover, Local};
 use crate::interval::{Event, Interval, wide};
 
 /// Most cuts of a square.
@@ -35,6 +36,12 @@ const PROOF_LIST: usize = 48;
 const CUT_LIST: usize = 32;
 /// Maps up to here are so small that the root page holds most of them, where splits and masks can't refer to everything.
 pub const SMALL_LOG2: u8 = 8;
+/// Edges between faces of which cuts are tried.
+const MOST_CREASES: usize = 2;
+/// Texels on borders of cells that are looked at one by one, for each texel of the square's side.
+const DOUBTS: usize = 4;
+/// Difference of two faces' slopes, as a share of them, from which on the edge between them counts.
+const BEND: f64 = 0.05;
 /// Texels that are looked at one by one, for each texel of the square's side.
 const MOST_TIPS: f64 = 12.0;
 
@@ -90,6 +97,8 @@ pub struct Search<'a> {
     pub edges: &'a [Edges],
     /// Texels that were found to be edge texels, by the lines through them.
     pub edge_texels: u64,
+    /// Texels that were looked at one by one.
+    pub looked: u64,
     /// Whether squares are cut.
     pub lines: bool,
     prover: Prover,
@@ -100,6 +109,13 @@ pub struct Search<'a> {
     ray: RayScratch,
     /// Places of rays, and their stretches.
     probes: Vec<([i64; 2], i64, i64)>,
+    /// Places of rays, and the sides of edges that they take.
+    places: Vec<([i64; 2], [i64; 2])>,
+    inner: Vec<[i64; 2]>,
+    /// Texels that are looked at one by one.
+    doubtful: Vec<[i64; 2]>,
+    near: Vec<u32>,
+    scratch: Scratch,
 }
 
 impl<'a> Search<'a> {
@@ -111,6 +127,7 @@ impl<'a> Search<'a> {
             guard,
             edges,
             edge_texels: 0,
+            looked: 0,
             lines: scale.log2_resolution > SMALL_LOG2,
             prover: Prover::default(),
             polygon: Polygon::default(),
@@ -119,6 +136,11 @@ impl<'a> Search<'a> {
             simple: Vec::new(),
             ray: RayScratch::default(),
             probes: Vec::new(),
+            places: Vec::new(),
+            inner: Vec::new(),
+            doubtful: Vec::new(),
+            near: Vec::new(),
+            scratch: Scratch::default(),
         }
     }
 
@@ -147,7 +169,7 @@ impl<'a> Search<'a> {
         }
         self.simple.truncate(6);
         let id = self.cell(palette, list, p, size, &mut Vec::new())?;
-        if self.cells.len() > 1 && !self.sound(p, size) {
+        if self.cells.len() > 1 && !self.sound(palette, id, list, p, size) {
             return None;
         }
         self.edge_texels += self.cells.iter().filter_map(|c| c.tip).map(|t| t.edges).sum::<u64>();
@@ -179,7 +201,11 @@ impl<'a> Search<'a> {
             return None;
         }
         // one line alone: see NOTES.md
-        for cut in self.candidates(list, region, 1, path) {
+        let mut cuts = self.candidates(list, region, 1, path);
+        if cuts.is_empty() {
+            cuts = self.creases(list, region, path);
+        }
+        for cut in cuts {
             let (cuts, cells) = (self.cuts.len(), self.cells.len());
             let number = match self.cuts.iter().position(|c| c.line == cut.line) {
                 Some(n) => n,
@@ -238,29 +264,71 @@ impl<'a> Search<'a> {
                 if edges >> k & 1 == 0 || (l.a[k] == 0 && l.b[k] == 0) {
                     continue;
                 }
-                let inside = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
-                let s = &self.rays.surfaces[l.index as usize];
-                let corner = |j: usize| {
-                    [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a])
-                };
-                let ends = [corner(k), corner(k + 1)];
-                let Some(part) = clip_segment(ends.map(|e| e.map(|v| v as f64)), &region) else { continue };
-                let middle = [0, 1].map(|a| (part[0][a] + part[1][a]) / 2.0);
-                let z = l.z0 + l.sx * middle[0] + l.sy * middle[1];
-                let absolute = ends.map(|e| [e[0] + self.rays.corner[0], e[1] + self.rays.corner[1]]);
-                // the same whichever triangle it comes from
-                let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
-                let Some(line) = Line::through(a, b, self.scale) else { continue };
+                let Some(cut) = self.cut(i, k, &region) else { continue };
+                let line = cut.1.line;
                 if found.iter().any(|f| f.1.line == line) || path.iter().any(|c| self.cuts[c.0].line == line) {
                     continue;
                 }
-                let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
-                found.push((z, Cut { inside, line, beyond }));
+                found.push(cut);
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         found.truncate(most);
         found.into_iter().map(|f| f.1).collect()
+    }
+
+    /// Edge `k` of a surface where it runs through the region, and its depth there.
+    fn cut(&self, i: u32, k: usize, region: &Region<'_>) -> Option<(f64, Cut)> {
+        let l = &self.rays.locals[i as usize];
+        let inside = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
+        let s = &self.rays.surfaces[l.index as usize];
+        let corner =
+            |j: usize| [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a]);
+        let ends = [corner(k), corner(k + 1)];
+        let part = clip_segment(ends.map(|e| e.map(|v| v as f64)), region)?;
+        let middle = [0, 1].map(|a| (part[0][a] + part[1][a]) / 2.0);
+        let z = l.z0 + l.sx * middle[0] + l.sy * middle[1];
+        let absolute = ends.map(|e| [e[0] + self.rays.corner[0], e[1] + self.rays.corner[1]]);
+        // the same whichever triangle it comes from
+        let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
+        let line = Line::through(a, b, self.scale)?;
+        let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
+        Some((z, Cut { inside, line, beyond }))
+    }
+
+    /// Edges between two faces of the front, or of the end behind it, through the region.
+    fn creases(&mut self, list: &[u32], region: Region<'_>, path: &[(usize, bool)]) -> Vec<Cut> {
+        let Some(sample) = self.prover.sample(&region) else { return Vec::new() };
+        let Some(front) = self.front(list, sample) else { return Vec::new() };
+        let mut found: Vec<Cut> = Vec::new();
+        // their faces may consist of several triangles
+        let mut faces: Vec<u32> = [Some(front), self.end(list, sample, front)].into_iter().flatten().collect();
+        let mut n = 0;
+        while n < faces.len() && found.len() < MOST_CREASES {
+            let i = faces[n];
+            let l = &self.rays.locals[i as usize];
+            n += 1;
+            for (k, mate) in self.edges[l.index as usize].across.into_iter().enumerate() {
+                if l.a[k] == 0 && l.b[k] == 0 {
+                    continue;
+                }
+                let Some(&other) = list.iter().find(|n| self.local(**n).index == mate) else { continue };
+                let m = self.local(other);
+                let bend = (m.sx - l.sx).abs() + (m.sy - l.sy).abs();
+                if bend < (m.sx.abs() + m.sy.abs() + l.sx.abs() + l.sy.abs()) * BEND {
+                    if faces.len() < 6 && !faces.contains(&other) {
+                        faces.push(other);
+                    }
+                    continue;
+                }
+                let Some((_, cut)) = self.cut(i, k, &region) else { continue };
+                if !found.iter().any(|f| f.line == cut.line) && !path.iter().any(|c| self.cuts[c.0].line == cut.line) {
+                    found.push(cut);
+                }
+            }
+        }
+        found.truncate(MOST_CREASES);
+        found
     }
 
     /// One constant or plane for the whole region.
@@ -338,14 +406,25 @@ impl<'a> Search<'a> {
         self.probes.clear();
         let (p, far) = (region.p, region.p.map(|v| v + region.size));
         let corners = [(p, [1, 1]), ([far[0], p[1]], [-1, 1]), ([p[0], far[1]], [1, -1]), (far, [-1, -1])];
-        let corners = if region.lines.is_empty() { &corners[..] } else { &[] };
-        for (q, d) in [(sample, [1, 1])].iter().chain(corners) {
-            match self.rays.stretch(list, *q, *d, &mut self.ray) {
-                Stretch::Uncovered => return false,
-                Stretch::Covered { lo, hi } => self.probes.push((*q, lo, hi)),
-            }
+        let mut places = std::mem::take(&mut self.places);
+        places.clear();
+        places.push((sample, [1, 1]));
+        if region.lines.is_empty() {
+            places.extend(corners);
+        } else {
+            self.inner.clear();
+            region.corners(&mut self.polygon, &mut self.inner);
+            places.extend(self.inner.iter().map(|q| (*q, [1, 1])));
         }
-        true
+        let met = places.iter().all(|(q, d)| match self.rays.stretch(list, *q, *d, &mut self.ray) {
+            Stretch::Uncovered => false,
+            Stretch::Covered { lo, hi } => {
+                self.probes.push((*q, lo, hi));
+                true
+            }
+        });
+        self.places = places;
+        met
     }
 
     /// Whether an entry is right on the rays of the probe.
@@ -622,14 +701,19 @@ impl<'a> Search<'a> {
     }
 
     /// Whether all cells fit together, and every centre is told to be in the right one.
-    fn sound(&mut self, p: [i64; 2], size: i64) -> bool {
+    fn sound(&mut self, palette: &Palette, id: EntryId, list: &[u32], p: [i64; 2], size: i64) -> bool {
+        self.doubtful.clear();
+        let most = DOUBTS * (size >> self.scale.subtexel_bits) as usize + 8;
         for i in 0..self.cells.len() {
             for j in i + 1..self.cells.len() {
                 // a tip's plane is right for texels that lie inside its cell, and for centres of edge texels
                 let (a, b) = (&self.cells[i], &self.cells[j]);
                 let same = a.entry == b.entry && a.tip.is_none() && b.tip.is_none();
                 if !same && !self.apart(i, j, p, size) {
-                    return false;
+                    self.shared(i, j, p, size);
+                    if self.doubtful.len() > most {
+                        return false;
+                    }
                 }
             }
         }
@@ -640,8 +724,59 @@ impl<'a> Search<'a> {
                 None => return false,
             }
         }
+        let mut doubtful = std::mem::take(&mut self.doubtful);
+        doubtful.sort_unstable();
+        doubtful.dedup();
+        let right = doubtful.iter().all(|t| self.is_right(palette, id, list, *t));
+        self.doubtful = doubtful;
         self.edge_texels += edges;
-        true
+        right
+    }
+
+    /// Puts the texels that both cells may share on the list of those that are looked at one by one.
+    fn shared(&mut self, i: usize, j: usize, p: [i64; 2], size: i64) {
+        let (a, b) = (&self.cells[i], &self.cells[j]);
+        let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return };
+        let cut = a.path[at].0;
+        let Cut { line, .. } = self.cuts[cut];
+        let mut lines = self.half_planes(&a.path);
+        lines.extend(self.half_planes(&b.path));
+        let (u, t) = if line.axis { (1, 0) } else { (0, 1) };
+        let bits = self.scale.subtexel_bits;
+        let texel = 1i64 << bits;
+        let corner = self.rays.corner.map(|c| c >> bits);
+        let (first, count) = (p.map(|v| v >> bits), size >> bits);
+        for n in first[u]..first[u] + count {
+            let place = (corner[u] + n) * 256;
+            let ends = [place, place + 256].map(|u| line.boundary(u) - (corner[t] << 20));
+            let (low, high) = (ends[0].min(ends[1]) - 8, ends[0].max(ends[1]) + 8);
+            for m in (low >> 20).max(first[t])..=(high >> 20).min(first[t] + count - 1) {
+                let mut q = [0; 2];
+                (q[u], q[t]) = (n * texel, m * texel);
+                let out = |l: &HalfPlane| l.at(q) + (l.a.max(0) + l.b.max(0)) * texel <= 0;
+                if !lines.iter().any(out) {
+                    self.doubtful.push(q);
+                }
+            }
+        }
+    }
+
+    /// Whether what is stored for the texel at `q` lies in its exact interval.
+    fn is_right(&mut self, palette: &Palette, mut id: EntryId, list: &[u32], q: [i64; 2]) -> bool {
+        let bits = self.scale.subtexel_bits;
+        let size = 1i64 << bits;
+        self.near.clear();
+        self.near.extend(list.iter().copied().filter(|i| self.rays.locals[*i as usize].cover(q[0], q[1], size) != Cover::None));
+        let [x, y] = [0, 1].map(|i| ((q[i] + self.rays.corner[i]) >> bits) as u32);
+        while let Entry::Split { line, near, beyond } = palette.get(id) {
+            match palette.lines[line as usize].tells([x, y].map(|v| i64::from(v) * 256 + 128)) {
+                Some(b) => id = if b { beyond } else { near },
+                None => return false,
+            }
+        }
+        self.looked += 1;
+        let truth = texel(&self.rays, &self.near, q, size, wide(self.guard), &mut self.scratch);
+        super::texels::allows(palette.get(id), truth.interval.guarded(self.guard), [x, y], 0, self.scale)
     }
 
     /// Whether every texel that both cells share has an empty area interval, or is shared with a border of no length.

@@ -159,7 +159,7 @@ pub fn answers(palette: &Palette, id: EntryId, intervals: &[Interval; 16], origi
 }
 
 /// Whether what any page stores for the entry is right at texel number `n` of the block.
-fn allows(entry: Entry, interval: Interval, origin: [u32; 2], n: u32, scale: Scale) -> bool {
+pub fn allows(entry: Entry, interval: Interval, origin: [u32; 2], n: u32, scale: Scale) -> bool {
     match entry {
         Entry::Constant(v) => interval.min <= v && v <= interval.max,
         Entry::Plane(plane) => {
