@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use serde_json::json;
+use umbrage::format::Kind;
 use umbrage::render::{Camera, Scene, Shading, ShadowRays, UpAxis, coverage, difference, shade, write_png};
 use umbrage::writer::bake::{BakeError, BakeOptions, Light, bake};
 use umbrage::writer::frame;
@@ -23,7 +24,7 @@ pub struct Args {
     #[arg(long, default_value = "demo-out")]
     out: PathBuf,
     /// Texels on a side of the shadow map
-    #[arg(long, default_value_t = 16384, allow_negative_numbers = true, value_parser = parse_resolution)]
+    #[arg(long, default_value_t = RESOLUTION, allow_negative_numbers = true, value_parser = parse_resolution)]
     resolution: u64,
     /// What answers the shadows
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
@@ -36,6 +37,8 @@ pub struct Args {
     json: bool,
 }
 
+/// The most that ends well within a minute on two cores.
+const RESOLUTION: u64 = 65536;
 const SCENE: &str = "city:1";
 const SIZE: [u32; 2] = [1280, 720];
 
@@ -63,7 +66,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
         lights: vec![Light { name: "sun".to_string(), direction: DEMO_LIGHT }],
         resolution: args.resolution,
         policy: Policy::Closed,
-        kind: umbrage::format::Kind::Mh,
+        kind: Kind::Vector,
         exhaustive: false,
         memory_bytes: None,
     };

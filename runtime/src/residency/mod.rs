@@ -137,6 +137,8 @@ enum State {
 struct Want {
     depth: u32,
     asked: u64,
+    /// Its size, known once it has been read.
+    class: Option<u8>,
     state: State,
 }
 
@@ -235,7 +237,7 @@ impl Residency {
         }
         let want = self.wants.entry(ordinal).or_insert_with(|| {
             self.queue.insert((depth, ordinal));
-            Want { depth, asked, state: State::Queued }
+            Want { depth, asked, class: None, state: State::Queued }
         });
         want.asked = want.asked.max(asked);
     }
@@ -269,8 +271,14 @@ impl Residency {
         while (self.loading + 1) * BLOCK_BYTES + self.ready_bytes <= self.config.host_bytes {
             let Some(&(depth, ordinal)) = self.queue.first() else { break };
             self.queue.pop_first();
-            let hopeless = !self.slots.has_room(0) && self.residents.victim(depth, self.round).is_none();
             let Some(want) = self.wants.get_mut(&ordinal) else { continue };
+            // A page that was never read may be of any size: one at a time is tried.
+            let room = match want.class {
+                Some(class) => self.slots.has_room(class),
+                None if self.loading == 0 && self.ready.is_empty() => self.slots.has_any_room(),
+                None => self.slots.has_room(0),
+            };
+            let hopeless = !room && self.residents.victim(depth, self.round).is_none();
             if hopeless {
                 // Reading what can't be kept would only wear the disk.
                 want.state = State::Parked(self.frames + PARKED);
@@ -292,6 +300,7 @@ impl Residency {
         self.loading -= 1;
         self.ready_bytes += page.words.len() as u64 * 4;
         self.ready.insert((want.depth, page.ordinal));
+        want.class = class_of(page.words.len() as u32);
         want.state = State::Ready(page);
     }
 
@@ -381,15 +390,20 @@ impl Residency {
         Some(page)
     }
 
+    /// Room for a page of a class; where there is none whoever goes, everybody stays: what was evicted for nothing would
+    /// be read again, for ever.
     fn make_room(&mut self, class: u8, depth: u32, frame: &mut Frame) -> Room {
-        loop {
+        let mut gone = Vec::new();
+        let room = loop {
             if self.slots.has_room(class) {
-                return Room::Found;
+                break Room::Found;
             }
             // A compaction changes as many entries as a block has slots.
-            if self.dirty.len() as u64 + u64::from(BLOCK_WORDS / UNIT_WORDS) + 1 > MAX_DIRTY {
-                return Room::NotNow;
+            let dirty = (self.dirty.len() + gone.len()) as u64;
+            if dirty + u64::from(BLOCK_WORDS / UNIT_WORDS) + 1 > MAX_DIRTY {
+                break Room::NotNow;
             }
+            // It frees a block, which is room for any class.
             if let Some(moved) = self.slots.compact() {
                 for m in moved {
                     let words = self.residents.relocate(m.owner, m.to);
@@ -399,14 +413,26 @@ impl Residency {
                 }
                 continue;
             }
-            let Some(victim) = self.residents.victim(depth, self.round) else { return Room::None };
-            if let Some(gone) = self.residents.remove(victim) {
-                self.slots.free(gone.at);
-                self.stats.resident_words -= u64::from(gone.words);
-                self.stats.evicted += 1;
-                self.dirty.insert(victim);
+            let Some(victim) = self.residents.victim(depth, self.round) else { break Room::None };
+            if let Some(page) = self.residents.remove(victim) {
+                self.slots.free(page.at);
+                gone.push((victim, page));
             }
+        };
+        if matches!(room, Room::None) {
+            // Parents went after their children.
+            for (ordinal, page) in gone.into_iter().rev() {
+                self.slots.take_back(page.at, ordinal);
+                self.residents.insert(ordinal, page);
+            }
+            return room;
         }
+        for (ordinal, page) in gone {
+            self.stats.resident_words -= u64::from(page.words);
+            self.stats.evicted += 1;
+            self.dirty.insert(ordinal);
+        }
+        room
     }
 
     /// Forgets what nobody asks for any more; takes up again what was parked or waited.

@@ -92,8 +92,8 @@ impl Residents {
 
     pub fn remove(&mut self, ordinal: u32) -> Option<Resident> {
         // Out of the orders first, then out of the table.
-        self.change(ordinal, |p| p.pinned = true)?;
-        let page = self.pages.remove(&ordinal)?;
+        let pinned = self.change(ordinal, |p| std::mem::replace(&mut p.pinned, true))?;
+        let page = Resident { pinned, ..self.pages.remove(&ordinal)? };
         if page.child_count != 0 {
             self.children.remove(&page.first_child);
         }

@@ -73,6 +73,11 @@ impl Slots {
         !self.free.is_empty() || self.hole_count[usize::from(class)] != 0
     }
 
+    /// Whether there is room for a page of some class.
+    pub fn has_any_room(&self) -> bool {
+        !self.free.is_empty() || self.hole_count.iter().any(|&holes| holes != 0)
+    }
+
     /// Takes a slot; gives its first word.
     pub fn alloc(&mut self, class: u8, owner: u32) -> Option<u32> {
         let c = usize::from(class);
@@ -114,6 +119,21 @@ impl Slots {
             self.release(number);
         } else {
             self.holes[c].insert((holes, number));
+        }
+    }
+
+    /// Undoes [`free`](Self::free) of a slot in a block that is still in use, where nothing was placed or moved since.
+    pub fn take_back(&mut self, word: u32, owner: u32) {
+        let (number, slot) = self.place(word);
+        let block = &mut self.blocks[number as usize];
+        debug_assert!(block.used != 0 && block.owners[slot].is_none());
+        block.owners[slot] = Some(owner);
+        let (c, holes) = (usize::from(block.class), per_block(block.class) - block.used);
+        block.used += 1;
+        self.hole_count[c] -= 1;
+        self.holes[c].remove(&(holes, number));
+        if holes > 1 {
+            self.holes[c].insert((holes - 1, number));
         }
     }
 

@@ -245,6 +245,20 @@ fn too_much_is_wanted_and_the_state_says_so() {
 }
 
 #[test]
+fn nobody_goes_for_a_page_that_finds_no_room_all_the_same() {
+    // The root's block, and one for page 1 and its children: page 2 wants a block, and page 1 stays.
+    let records = vec![(1, 2, 64), (3, 3, 128), (6, 0, BLOCK_WORDS), (6, 0, 128), (6, 0, 128), (6, 0, 128)];
+    let mut world = World::new(Pages { records, roots: 1 }, 2);
+    let left: Vec<usize> = (0..100).map(|_| world.frame(&[3, 4, 5, 2], |_| false)).collect();
+    assert_eq!(left[20..], [1; 80]);
+    let stats = world.residency.stats();
+    assert_eq!((stats.evicted, stats.admitted, stats.resident, stats.resident_words), (0, 5, 5, 64 + 4 * 128));
+    // They go as ever once nobody uses them.
+    assert!((0..40).any(|_| world.frame(&[2], |_| false) == 0));
+    assert_eq!((world.residency.stats().evicted, world.residency.stats().resident), (4, 2));
+}
+
+#[test]
 fn a_failing_page_is_reported_once_and_tried_ever_more_rarely() {
     let mut world = World::new(Pages::new(1, &[2, 0], &[100]), 4);
     let mut tries = Vec::new();

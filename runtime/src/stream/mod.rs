@@ -3,6 +3,7 @@
 //! [`Streamer::begin`] takes what the threads finished and what the device reported, and orders new pages;
 //! [`Streamer::frame`] says what to copy. Neither waits. The executor for wgpu is [`crate::gpu::GpuStreamer`].
 
+mod least;
 pub mod loader;
 
 use std::time::Duration;
@@ -10,7 +11,6 @@ use std::time::Duration;
 use umbrage_reader::{ReaderError, Structure};
 
 use crate::error::RuntimeError;
-use crate::residency::slots::{BLOCK_WORDS, class_of, slot_words};
 use crate::residency::{Budget, Config, Frame, Residency, Stats};
 use loader::{Loader, Outcome};
 
@@ -37,24 +37,21 @@ pub struct Streamer {
 
 impl Streamer {
     /// Divides `budget_bytes`, starts `threads` loader threads and orders the roots. Reads the index blocks of the
-    /// roots. `most_pool` is the largest pool that the device binds, in bytes.
+    /// roots, and all where the pool is small: below about 25 blocks of 64 KiB. `most_pool` is the largest pool that
+    /// the device binds, in bytes.
     ///
     /// # Errors
-    /// The budget can't hold tables, roots and one page more, or the index can't be read.
+    /// The budget can't hold tables, roots and any page with all pages above it: with fewer bytes than the error tells,
+    /// some lookups would be answered by ancestors for ever. Or the index can't be read.
     pub fn new(structure: &Structure, budget_bytes: u64, most_pool: u64, threads: usize) -> Result<Self, RuntimeError> {
         let record = structure.record();
         let (pages, roots) = (structure.page_count(), record.root_count.get());
-        let mut root_words = [0u64; crate::residency::slots::CLASSES];
-        for root in 0..roots {
-            let words = structure.page_record(root)?.hot_words.get();
-            if let Some(class) = class_of(words.into()) {
-                root_words[usize::from(class)] += u64::from(slot_words(class));
-            }
-        }
-        // A class of roots takes whole blocks; one block more lets any other page in.
-        let blocks: u64 = root_words.iter().map(|w| w.div_ceil(BLOCK_WORDS.into())).sum();
-        let least = u32::try_from(blocks + 1).unwrap_or(u32::MAX);
-        let budget = Budget::divide(budget_bytes, pages, least, most_pool)?;
+        // The index of a large file is read only where the budget is so small that the longest way down may not fit.
+        let enough = Budget::divide(budget_bytes, pages, least::always_enough(structure)?, most_pool);
+        let budget = match enough {
+            Ok(budget) => budget,
+            Err(_) => Budget::divide(budget_bytes, pages, least::just_enough(structure)?, most_pool)?,
+        };
         let config = Config {
             pages,
             roots,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use umbrage_reader::query::Map;
-use umbrage_reader::{Container, FileSource, Limits, MemorySource, Source};
+use umbrage_reader::{Container, FileSource, Limits, MemorySource, Source, Structure};
 use umbrage_runtime::gpu::{Pixel, ViewStats};
 use umbrage_runtime::lattice::FrameLattice;
 use umbrage_runtime::{GpuStreamer, Receiver, RuntimeError, ViewOptions};
@@ -122,6 +122,40 @@ fn a_vector_view_is_exact_with_room_and_with_little() {
         assert!(view.stats.exact && view.stats.pages_read > 1, "{:?}", view.stats);
         receivers.iter().zip(&view.pixels).for_each(|(r, p)| right(&map, r, p));
     }
+}
+
+/// Pages of a way down may be of several sizes, and each size takes a block of its own.
+#[test]
+fn the_smallest_budget_is_exact_and_a_byte_less_is_refused() {
+    let headless = device();
+    let open = |budget, structure: &Structure| GpuStreamer::new(&headless.device, &headless.queue, structure, budget);
+    let mut most = 0;
+    let vectors = [(2, 10, 6), (5, 12, 6)].map(|(seed, log2, bushy)| random_vector("view-small", seed, log2, bushy).1);
+    for bytes in vectors.into_iter().chain([random_tree("view-small", 9, 10, &[9, 8, 7, 6, 5, 4]).1]) {
+        let structure = opened(bytes);
+        let map = Map::new(structure.clone()).unwrap();
+        let smallest = match open(1000, &structure) {
+            Err(RuntimeError::Budget(e)) => e.needed,
+            other => panic!("{other:?}"),
+        };
+        match open(smallest - 1, &structure) {
+            Err(RuntimeError::Budget(e)) => {
+                assert_eq!((e.budget, e.needed, e.pages), (smallest - 1, smallest, structure.page_count()));
+                assert!(e.to_string().contains("raise the budget"), "{e}");
+            }
+            other => panic!("{other:?}"),
+        }
+        let mut gpu = open(smallest, &structure).unwrap();
+        most = most.max(gpu.streamer().budget().blocks);
+        let receivers = receivers(&map, &mut Dice(8), 3000);
+        let start = Instant::now();
+        let options = ViewOptions { max_frames: 100_000, ..ViewOptions::default() };
+        let view = gpu.answer_view(&receivers, &options).unwrap();
+        show("smallest", &view.stats, start);
+        assert!(view.stats.exact, "{:?}", view.stats);
+        receivers.iter().zip(&view.pixels).for_each(|(r, p)| right(&map, r, p));
+    }
+    assert!(most > 2, "no structure needs a third block");
 }
 
 #[test]

@@ -33,7 +33,7 @@ pub(in crate::query) struct Tree {
     nodes: Vec<u32>,
     /// For each group what answers in its parent's square on the parent's level.
     holds: Vec<u32>,
-    /// The nodes of `grid_level`, or the leaves above, row by row.
+    /// The nodes of each level from the root's down to `grid_level`, or the leaves above, row by row.
     grid: Vec<u32>,
     grid_level: u8,
     log2_resolution: u8,
@@ -101,10 +101,14 @@ impl Tree {
     fn build_grid(&mut self) {
         let fits = |levels: u8| self.nodes.len() >> (2 * levels) != 0;
         let levels = (0..=GRID_LEVELS.min(self.log2_resolution)).rev().find(|l| fits(*l)).unwrap_or(0);
-        let (level, side) = (self.log2_resolution - levels, 1u32 << levels);
-        let cells = (0..side).flat_map(|y| (0..side).map(move |x| (x << level, y << level)));
-        self.grid = cells.map(|(x, y)| self.walk(0, self.log2_resolution + 1, x, y, level).0).collect();
-        self.grid_level = level;
+        let mut grid = Vec::new();
+        for width in 0..=levels {
+            let (level, side) = (self.log2_resolution - width, 1u32 << width);
+            let cells = (0..side).flat_map(|y| (0..side).map(move |x| (x << level, y << level)));
+            grid.extend(cells.map(|(x, y)| self.walk(0, self.log2_resolution + 1, x, y, level).0));
+        }
+        self.grid = grid;
+        self.grid_level = self.log2_resolution - levels;
     }
 
     /// From a node of `from` (group 0 counts as one above the root) down to `level`, or to a leaf above: the child that
@@ -125,13 +129,13 @@ impl Tree {
     /// What answers at a texel of the map: number of an entry, and [`PROVEN`].
     #[inline]
     fn find(&self, x: u32, y: u32, level: u8) -> u32 {
-        let (node, leaf) = if level > self.grid_level {
-            self.walk(0, self.log2_resolution + 1, x, y, level.min(self.log2_resolution))
-        } else {
-            let (shift, width) = (u32::from(self.grid_level), u32::from(self.log2_resolution - self.grid_level));
-            let cell = ((y >> shift) << width | x >> shift) as usize;
-            self.walk(self.grid.get(cell).copied().unwrap_or(LEAF), self.grid_level, x, y, level)
-        };
+        // From the cell of the grid, or of the grid's own level above it.
+        let from = level.clamp(self.grid_level, self.log2_resolution);
+        let (shift, width) = (u32::from(from), u32::from(self.log2_resolution - from));
+        // Cells of the levels above, coarsest first: 1 + 4 + 16 + …
+        let above = ((1u32 << (2 * width)) - 1) / 3;
+        let cell = above.wrapping_add((y >> shift) << width | x >> shift) as usize;
+        let (node, leaf) = self.walk(self.grid.get(cell).copied().unwrap_or(LEAF), from, x, y, level);
         if leaf { node & !LEAF } else { self.holds.get(node as usize).copied().unwrap_or(0) }
     }
 

@@ -39,8 +39,8 @@ const NOWHERE: u32 = u32::MAX;
 /// Words that the tree takes for a page.
 pub(in crate::query) fn words_held(page: &[u32]) -> u64 {
     let h = Header::decode(page);
-    // The grid has at most as many as the groups have children.
-    u64::from(h.groups) * 9 + u64::from(h.palette()) * (size_of::<Entry>() / 4) as u64 + u64::from(h.raws) * 16
+    // The grid's finest level has at most as many as the groups have children, those above a third of that.
+    u64::from(h.groups) * 11 + u64::from(h.palette()) * (size_of::<Entry>() / 4) as u64 + u64::from(h.raws) * 16
 }
 
 /// A length as a number; all arrays are held to 32 bits by their words.
