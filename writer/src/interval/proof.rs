@@ -201,13 +201,13 @@ impl Prover {
         second_surface: bool,
         close: bool,
     ) -> Option<Interval> {
-        let (low, high) = self.prove_in(rays, list, Region::square(p, size), second_surface, close)?;
+        let (low, high) = self.prove_in(rays, list, Region::square(p, size), second_surface, close, None)?;
         interval(low, high)
     }
 
     /// Sheared depths `low <= v <= high` that are right for every ray of the region, as integers: `lo <= v` and `v < hi`.
     /// They leave the lattice nowhere in the square. `list` holds at least the surfaces that overlap the open region, sorted
-    /// by solid.
+    /// by solid. Where the values that can be right are known to lie in a `window`, surfaces off it are not looked at closely.
     pub fn prove_in(
         &mut self,
         rays: &Rays,
@@ -215,18 +215,25 @@ impl Prover {
         region: Region<'_>,
         second_surface: bool,
         close: bool,
+        window: Option<(i64, i64)>,
     ) -> Option<(i64, i64)> {
         let locals = rays.locals;
         let Region { p, size, .. } = region;
         let close = close || !region.lines.is_empty();
         self.reach.clear();
         self.base.region(&region);
+        let (plain, slack) = (region.is_plain(), region.slack());
         for &i in list {
             let l = &locals[i as usize];
+            let off = |low: i64, high: i64| window.is_some_and(|(first, last)| low > last || high < first);
             let (mut low, mut high) =
-                if region.is_plain() { l.ceil_range(p[0], p[1], size) } else { sheared(rays, l, &region) };
+                if plain { l.ceil_range(p[0], p[1], size) } else { sheared(rays, l, &region, slack, off) };
             let mut all = l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
-            if close && !all && l.event != Event::Wall {
+            if close
+                && !all
+                && l.event != Event::Wall
+                && (!off(low, high) || !region.lines.is_empty() && l.event == Event::Enter)
+            {
                 all = !region.lines.is_empty() && self.polygon.covered(rays, l, &region, 3, WHOLE);
                 self.polygon.points.clone_from(&self.base.points);
                 self.polygon.clip(l);
@@ -377,9 +384,8 @@ fn interval(low: i64, high: i64) -> Option<Interval> {
 }
 
 /// Bounds of ceil(sheared depth) over the part of the surface in the square.
-fn sheared(rays: &Rays, l: &Local, region: &Region<'_>) -> (i64, i64) {
+fn sheared(rays: &Rays, l: &Local, region: &Region<'_>, slack: f64, off: impl Fn(i64, i64) -> bool) -> (i64, i64) {
     let Region { p, size, shear, .. } = *region;
-    let slack = region.slack();
     if l.event == Event::Wall {
         // its bounds, cut to the square, and its corners' depths
         let (mut least, mut most) = (0.0, 0.0);
@@ -394,6 +400,10 @@ fn sheared(rays: &Rays, l: &Local, region: &Region<'_>) -> (i64, i64) {
     let z = l.z0 + sx * p[0] as f64 + sy * p[1] as f64;
     let (dx, dy) = (sx * size as f64, sy * size as f64);
     let (mut low, mut high) = (z + dx.min(0.0) + dy.min(0.0), z + dx.max(0.0) + dy.max(0.0));
+    let (loose, wide) = ((low - slack - l.eps).ceil() as i64, (high + slack + l.eps).ceil() as i64);
+    if off(loose, wide) {
+        return (loose, wide);
+    }
     // and the corners bound the whole surface
     let s = &rays.surfaces[l.index as usize];
     let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);

@@ -3,6 +3,7 @@
 //! As for `mh`: whenever a node's groups outgrow [`PAGE_WORDS`], the largest subtrees among its children become pages of
 //! their own; the complete coarse levels stay in the root page.
 
+use rayon::prelude::*;
 use rustc_hash::{FxHashMap as HashMap, FxHashSet as HashSet};
 
 use umbrage_format::kind::mh::{Mask, NodeType};
@@ -159,19 +160,31 @@ impl Forest {
                 let at = At { level: scale.log2_resolution, origin: [0, 0] };
                 self.candidates(root.below, at, scale, &mut found);
             }
-            // a share of what is too much at a time, the largest first
-            found.sort_by_key(|c: &(u32, u32, usize, At)| std::cmp::Reverse(c.0));
-            let mut much = if sheet.fits() { sheet.cost() - ROOT_WORDS * 16 } else { sheet.cost() / 8 };
             if found.is_empty() {
                 return spool.push(&sheet.draft(spool));
             }
-            for (cost, group, c, at) in found {
-                let page = self.draft(self.groups[group as usize].below[c], at, spool);
+            // the largest first: nearly all that is far too much at once, then a share of the rest at a time
+            found.sort_by_key(|c: &(u32, u32, usize, At)| std::cmp::Reverse(c.0));
+            let (cost, most) = (sheet.cost(), ROOT_WORDS * 16);
+            let mut much = match cost {
+                c if c > 4 * most => c - 3 * most,
+                c if sheet.fits() => c - most,
+                c => c / 8,
+            };
+            let count = 1 + found
+                .iter()
+                .position(|c| {
+                    let enough = much <= c.0;
+                    much = much.saturating_sub(c.0);
+                    enough
+                })
+                .unwrap_or(found.len() - 1);
+            let draft = |&(_, group, c, at): &(u32, u32, usize, At)| {
+                self.draft(self.groups[group as usize].below[c], at, spool)
+            };
+            let drafts: Vec<Draft> = found[..count].par_iter().map(draft).collect();
+            for ((_, group, c, _), page) in found.into_iter().zip(drafts) {
                 self.groups[group as usize].below[c] = CUT | spool.push(&page);
-                if much <= cost {
-                    break;
-                }
-                much -= cost;
             }
         }
     }

@@ -50,8 +50,32 @@ pub fn knob(name: &str, default: i64) -> i64 {
     std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
 }
 /// Knobs.
-pub struct Knobs { price: [u32; 7], cr2: usize, cr3: usize, cr: usize, cut2: usize, cut3: usize, doubt2: usize }
-static KNOBS: std::sync::LazyLock<Knobs> = std::sync::LazyLock::new(|| Knobs { price: [1000, 1000, knob("B2", 1000) as u32, knob("B3", 1000) as u32, knob("B4", 1000) as u32, knob("B5", 1000) as u32, knob("B6", 1000) as u32], cr2: knob("CR2", 2) as usize, cr3: knob("CR3", 2) as usize, cr: knob("CR", 2) as usize, cut2: knob("CUT2", 3) as usize, cut3: knob("CUT3", 3) as usize, doubt2: knob("DB2", 4) as usize });
+pub struct Knobs {
+    price: [u32; 7],
+    cr2: usize,
+    cr3: usize,
+    cr: usize,
+    cut2: usize,
+    cut3: usize,
+    doubt2: usize,
+}
+static KNOBS: std::sync::LazyLock<Knobs> = std::sync::LazyLock::new(|| Knobs {
+    price: [
+        1000,
+        1000,
+        knob("B2", 1000) as u32,
+        knob("B3", 1000) as u32,
+        knob("B4", 1000) as u32,
+        knob("B5", 1000) as u32,
+        knob("B6", 1000) as u32,
+    ],
+    cr2: knob("CR2", 2) as usize,
+    cr3: knob("CR3", 2) as usize,
+    cr: knob("CR", 2) as usize,
+    cut2: knob("CUT2", 3) as usize,
+    cut3: knob("CUT3", 3) as usize,
+    doubt2: knob("DB2", 4) as usize,
+});
 
 /// A line through a square.
 #[derive(Clone, Copy)]
@@ -214,7 +238,11 @@ impl<'a> Search<'a> {
             return Some(entry);
         }
         let level = (size >> self.scale.subtexel_bits).trailing_zeros();
-        let most_cuts = match level { 2 => KNOBS.cut2, 3 => KNOBS.cut3, _ => 3 };
+        let most_cuts = match level {
+            2 => KNOBS.cut2,
+            3 => KNOBS.cut3,
+            _ => 3,
+        };
         if !self.lines || path.len() >= most_cuts || list.len() > CUT_LIST || self.cells.len() >= 4 {
             return None;
         }
@@ -222,7 +250,11 @@ impl<'a> Search<'a> {
         let mut cuts = self.candidates(list, region, 1, path);
         if cuts.is_empty() {
             cuts = self.creases(list, region, path);
-            cuts.truncate(match level { 2 => KNOBS.cr2, 3 => KNOBS.cr3, _ => KNOBS.cr });
+            cuts.truncate(match level {
+                2 => KNOBS.cr2,
+                3 => KNOBS.cr3,
+                _ => KNOBS.cr,
+            });
         }
         for cut in cuts {
             let (cuts, cells) = (self.cuts.len(), self.cells.len());
@@ -362,7 +394,7 @@ impl<'a> Search<'a> {
         }
         for n in 0..self.simple.len() {
             let id = self.simple[n];
-            if id != OPEN && self.passes(palette.get(id)) && self.holds(palette.get(id), list, region) {
+            if id != OPEN && self.passes(palette.get(id)) && self.holds(palette.get(id), list, region, true) {
                 return Some((id, None));
             }
         }
@@ -373,7 +405,10 @@ impl<'a> Search<'a> {
         if let Some(plane) = plane.filter(|p| region.size > texel && self.may_slope(p)) {
             let Region { p, size, lines, .. } = region;
             let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
-            if let Some(range) = self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close) {
+            let window = Some(self.window(sheared.shear));
+            if let Some(range) =
+                self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window)
+            {
                 if self.fits(&plane, range) {
                     let id = palette.entry(Entry::Plane(plane));
                     self.remember(id);
@@ -385,7 +420,9 @@ impl<'a> Search<'a> {
             }
         }
         if self.may_be_level()
-            && let Some((low, high)) = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close)
+            && let window = Some(self.window([0.0; 2]))
+            && let Some((low, high)) =
+                self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close, window)
             && let Some(v) = self.constant(palette, low, high)
         {
             return Some((palette.entry(Entry::Constant(v)), None));
@@ -397,8 +434,9 @@ impl<'a> Search<'a> {
                 let Region { p, size, lines, .. } = region;
                 let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
                 if self.may_slope(&plane)
+                    && let window = Some(self.window(sheared.shear))
                     && let Some(range) =
-                        self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close)
+                        self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window)
                 {
                     if self.fits(&plane, range) {
                         return Some((palette.entry(Entry::Plane(plane)), None));
@@ -470,6 +508,17 @@ impl<'a> Search<'a> {
         low <= high
     }
 
+    /// Bounds of what the probe's rays allow, counted from a sheared plane through the tile's corner.
+    fn window(&self, [sx, sy]: [f64; 2]) -> (i64, i64) {
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        for (q, lo, hi) in &self.probes {
+            let lift = sx * q[0] as f64 + sy * q[1] as f64;
+            low = low.max(*lo as f64 - 2.0 - lift);
+            high = high.min(*hi as f64 + 2.0 - lift);
+        }
+        (low.floor() as i64, high.ceil() as i64)
+    }
+
     fn may_be_level(&self) -> bool {
         let low = self.probes.iter().map(|p| p.1).max();
         low < self.probes.iter().map(|p| p.2).min()
@@ -513,12 +562,14 @@ impl<'a> Search<'a> {
     }
 
     /// Whether a stored entry is right all over the region.
-    fn holds(&mut self, entry: Entry, list: &[u32], region: Region<'_>) -> bool {
+    fn holds(&mut self, entry: Entry, list: &[u32], region: Region<'_>, probed: bool) -> bool {
         let close = list.len() <= 12;
+        let window = |shear| probed.then(|| self.window(shear));
         match entry {
             Entry::Constant(UNCOVERED) => false,
             Entry::Constant(v) => {
-                let range = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close);
+                let window = window([0.0; 2]);
+                let range = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close, window);
                 let guard = i64::from(self.guard);
                 range.is_some_and(|(low, high)| {
                     low + guard <= i64::from(v)
@@ -529,7 +580,8 @@ impl<'a> Search<'a> {
             Entry::Plane(plane) => {
                 let Region { p, size, lines, .. } = region;
                 let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
-                let range = self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close);
+                let window = window(sheared.shear);
+                let range = self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window);
                 range.is_some_and(|range| self.fits(&plane, range))
             }
             _ => false,
@@ -651,7 +703,7 @@ impl<'a> Search<'a> {
             return Some(bend);
         }
         let rest: Vec<u32> = list.iter().copied().filter(|i| self.reaches(*i, far)).collect();
-        self.holds(Entry::Plane(tip.plane), &rest, region).then_some(bend)
+        self.holds(Entry::Plane(tip.plane), &rest, region, false).then_some(bend)
     }
 
     /// The distance of front and end from which on everything is linear and far from rounding.
@@ -727,7 +779,9 @@ impl<'a> Search<'a> {
     /// Whether all cells fit together, and every centre is told to be in the right one.
     fn sound(&mut self, palette: &Palette, id: EntryId, list: &[u32], p: [i64; 2], size: i64) -> bool {
         self.doubtful.clear();
-        let most = (if size >> self.scale.subtexel_bits == 4 { KNOBS.doubt2 } else { DOUBTS }) * (size >> self.scale.subtexel_bits) as usize + 8;
+        let most = (if size >> self.scale.subtexel_bits == 4 { KNOBS.doubt2 } else { DOUBTS })
+            * (size >> self.scale.subtexel_bits) as usize
+            + 8;
         for i in 0..self.cells.len() {
             for j in i + 1..self.cells.len() {
                 // a tip's plane is right for texels that lie inside its cell, and for centres of edge texels
@@ -790,7 +844,9 @@ impl<'a> Search<'a> {
         let bits = self.scale.subtexel_bits;
         let size = 1i64 << bits;
         self.near.clear();
-        self.near.extend(list.iter().copied().filter(|i| self.rays.locals[*i as usize].cover(q[0], q[1], size) != Cover::None));
+        self.near.extend(
+            list.iter().copied().filter(|i| self.rays.locals[*i as usize].cover(q[0], q[1], size) != Cover::None),
+        );
         let [x, y] = [0, 1].map(|i| ((q[i] + self.rays.corner[i]) >> bits) as u32);
         while let Entry::Split { line, near, beyond } = palette.get(id) {
             match palette.lines[line as usize].tells([x, y].map(|v| i64::from(v) * 256 + 128)) {
@@ -858,7 +914,7 @@ impl<'a> Search<'a> {
             let list: Vec<u32> = cell.list.iter().copied().filter(|n| self.reaches(*n, strip)).collect();
             let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
             let entry = self.cells[other].value;
-            self.holds(entry, &list, region)
+            self.holds(entry, &list, region, false)
         })
     }
 
