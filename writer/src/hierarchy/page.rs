@@ -10,7 +10,7 @@ use super::mh::{CUT, Group, NONE, Node, Span};
 use super::spool::Spool;
 
 /// Most words of an ordinary page (8 KiB); see NOTES.md beside this file.
-pub static PAGE_WORDS: std::sync::LazyLock<u32> =
+pub const PAGE_WORDS: u32 = 2048;
     std::sync::LazyLock::new(|| std::env::var("PW").ok().and_then(|v| v.parse().ok()).unwrap_or(2048));
 /// Most words of the root page (48 KiB): with the first 16 KiB of the file it makes 64 KiB.
 pub const ROOT_WORDS: u32 = 12288;
@@ -107,7 +107,7 @@ impl Forest {
 
     /// Moves the largest subtrees below the node's children into pages until the rest fits [`PAGE_WORDS`].
     pub fn cut(&mut self, node: &mut Node, at: At, children: &mut [Node; 4], spool: &Spool) {
-        while node.words > *PAGE_WORDS {
+        while node.words > PAGE_WORDS {
             let Some(c) = (0..4).filter(|c| children[*c].words > 0).max_by_key(|c| (children[*c].words, 4 - c)) else {
                 return;
             };

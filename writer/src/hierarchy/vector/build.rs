@@ -8,7 +8,7 @@ use umbrage_format::kind::mh::{Mask, NodeType};
 
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale};
 use super::page::{Forest, Group, Node, SHARES};
-use super::search::{Edges, SMALL_LOG2, Search};
+use super::search::{BLOCK_LEVEL, Edges, SMALL_LOG2, Search};
 use super::texels::{self, Block};
 use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree};
 use crate::hierarchy::mh::NONE;
@@ -24,8 +24,6 @@ use crate::solid::SnappedMesh;
 const TILE_LEVEL: u8 = 8;
 /// A larger square is worked through alone where so few surfaces are left.
 const TILE_LIST: usize = 96;
-/// Level of the blocks whose texels are looked at one by one.
-const BLOCK_LEVEL: u8 = 2;
 /// From this level on a node's entry is the one that answers the most of its area.
 const AREA_LEVEL: u8 = 6;
 /// Entries from further up that are tried first.

@@ -123,9 +123,9 @@ impl Forest {
 
     /// Moves the largest subtrees below the node's children into pages until the rest fits [`PAGE_WORDS`].
     pub fn cut(&mut self, node: &mut Node, at: At, children: &mut [Node; 4], spool: &Spool) {
-        while node.cost > *PAGE_WORDS * 16 {
+        while node.cost > PAGE_WORDS * 16 {
             node.cost = Sheet::gather(self, node.below, at).cost();
-            if node.cost <= *PAGE_WORDS * 16 {
+            if node.cost <= PAGE_WORDS * 16 {
                 return;
             }
             let largest = (0..4).filter(|c| children[*c].below & CUT == 0).max_by_key(|c| (children[*c].cost, 4 - c));

@@ -37,45 +37,17 @@ const CUT_LIST: usize = 32;
 /// Maps up to here are so small that the root page holds most of them, where splits and masks can't refer to everything.
 pub const SMALL_LOG2: u8 = 8;
 /// Edges between faces of which cuts are tried.
-const MOST_CREASES: usize = 2;
+const MOST_CREASES: usize = 1;
+/// Side, in powers of two of texels, of squares that are looked at texel by texel where nothing answers them.
+pub const BLOCK_LEVEL: u8 = 2;
+/// Most words that the new entries of a square of this level may take, if it is cut: dividing it takes about as much.
+const PRICES: [u32; 5] = [4, 4, 4, 6, 12];
 /// Texels on borders of cells that are looked at one by one, for each texel of the square's side.
 const DOUBTS: usize = 4;
 /// Difference of two faces' slopes, as a share of them, from which on the edge between them counts.
 const BEND: f64 = 0.05;
 /// Texels that are looked at one by one, for each texel of the square's side.
 const MOST_TIPS: f64 = 12.0;
-
-/// Knob.
-pub fn knob(name: &str, default: i64) -> i64 {
-    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
-}
-/// Knobs.
-pub struct Knobs {
-    price: [u32; 7],
-    cr2: usize,
-    cr3: usize,
-    cr: usize,
-    cut2: usize,
-    cut3: usize,
-    doubt2: usize,
-}
-static KNOBS: std::sync::LazyLock<Knobs> = std::sync::LazyLock::new(|| Knobs {
-    price: [
-        1000,
-        1000,
-        knob("B2", 1000) as u32,
-        knob("B3", 1000) as u32,
-        knob("B4", 1000) as u32,
-        knob("B5", 1000) as u32,
-        knob("B6", 1000) as u32,
-    ],
-    cr2: knob("CR2", 2) as usize,
-    cr3: knob("CR3", 2) as usize,
-    cr: knob("CR", 2) as usize,
-    cut2: knob("CUT2", 3) as usize,
-    cut3: knob("CUT3", 3) as usize,
-    doubt2: knob("DB2", 4) as usize,
-});
 
 /// A line through a square.
 #[derive(Clone, Copy)]
@@ -205,7 +177,7 @@ impl<'a> Search<'a> {
         let level = (size >> self.scale.subtexel_bits).trailing_zeros() as usize;
         let id = id.filter(|id| {
             self.cells.len() == 1
-                || (palette.price(*id, mark) <= KNOBS.price.get(level).copied().unwrap_or(1000)
+                || (palette.price(*id, mark) <= PRICES.get(level).copied().unwrap_or(u32::MAX)
                     && self.sound(palette, *id, list, p, size))
         });
         let Some(id) = id else {
@@ -237,24 +209,15 @@ impl<'a> Search<'a> {
             self.cells.push(Cell { path: path.clone(), list: list.to_vec(), entry, value, tip });
             return Some(entry);
         }
-        let level = (size >> self.scale.subtexel_bits).trailing_zeros();
-        let most_cuts = match level {
-            2 => KNOBS.cut2,
-            3 => KNOBS.cut3,
-            _ => 3,
-        };
+        let level = (size >> self.scale.subtexel_bits).trailing_zeros() as u8;
+        let most_cuts = if level <= BLOCK_LEVEL { 1 } else { MOST_CUTS };
         if !self.lines || path.len() >= most_cuts || list.len() > CUT_LIST || self.cells.len() >= 4 {
             return None;
         }
         // one line alone: see NOTES.md
         let mut cuts = self.candidates(list, region, 1, path);
-        if cuts.is_empty() {
+        if cuts.is_empty() && level > BLOCK_LEVEL {
             cuts = self.creases(list, region, path);
-            cuts.truncate(match level {
-                2 => KNOBS.cr2,
-                3 => KNOBS.cr3,
-                _ => KNOBS.cr,
-            });
         }
         for cut in cuts {
             let (cuts, cells) = (self.cuts.len(), self.cells.len());
@@ -779,7 +742,7 @@ impl<'a> Search<'a> {
     /// Whether all cells fit together, and every centre is told to be in the right one.
     fn sound(&mut self, palette: &Palette, id: EntryId, list: &[u32], p: [i64; 2], size: i64) -> bool {
         self.doubtful.clear();
-        let most = (if size >> self.scale.subtexel_bits == 4 { KNOBS.doubt2 } else { DOUBTS })
+        let most = DOUBTS
             * (size >> self.scale.subtexel_bits) as usize
             + 8;
         for i in 0..self.cells.len() {
