@@ -14,6 +14,7 @@ mod openexr;
 mod python;
 mod round_trip;
 mod spec;
+mod stability;
 #[allow(dead_code, reason = "of the reader's tests, which use all of it")]
 #[path = "../../reader/tests/suite/tree.rs"]
 mod tree;

@@ -11,9 +11,13 @@
 //! | `depth_map` | the baseline: a plain shadow map of texel-centre depths |
 //! | `timing` | interleaved repetitions, medians, spread |
 //! | `random` | seeded numbers |
+//! | `attack` | inputs made to break the bake, shared with the test suite |
 //! | `machine` | processor, memory, commit, peak of a process |
 #![forbid(unsafe_code)]
 
+#[allow(dead_code, reason = "of the test suite, which uses the rest")]
+#[path = "../../suite/stability/attack/mod.rs"]
+mod attack;
 mod depth_map;
 mod machine;
 mod plot;
@@ -73,6 +77,8 @@ enum Suite {
     Query,
     /// Wrong receivers against ray casting, and those of plain shadow maps at their best bias
     Accuracy,
+    /// Inputs made to break the bake, both kinds, against the exact oracle and plain rays
+    Stability,
     /// Time of CRCs and structure checks, what opening reads and what memory it takes
     Check,
     /// One bake in a process of its own
@@ -126,6 +132,7 @@ fn run(args: &Args) -> Result<(), Failure> {
         Suite::Bake => suite::bake::run(args)?,
         Suite::Query => suite::query::run(args)?,
         Suite::Accuracy => suite::accuracy::run(args)?,
+        Suite::Stability => suite::stability::run(args)?,
         Suite::Check => suite::check::run(args)?,
         Suite::OneBake => return suite::bake::one(args),
         Suite::OneOpen => return suite::check::one(args),

@@ -5,3 +5,4 @@ pub mod bake;
 pub mod check;
 pub mod query;
 pub mod size;
+pub mod stability;

@@ -107,9 +107,18 @@ impl Plane {
         if largest * 2f64.powi(i32::from(scale.log2_resolution) + 8) < 1.0 {
             return None;
         }
-        let shift = (GRADIENT_BITS - 1 - largest.log2().floor() as i32).clamp(0, 63);
-        let by = 2f64.powi(shift);
-        let [gx, gy] = g.map(|s| (s * by).round() as i32);
+        let by = |shift: i32| g.map(|s| (s * 2f64.powi(shift)).round() as i32);
+        let fits = |g: [i32; 2]| g.iter().all(|s| s.abs() < 1 << GRADIENT_BITS);
+        let mut shift = (GRADIENT_BITS - 1 - largest.log2().floor() as i32).min(63);
+        // the last gradient below a power of two rounds up to it
+        if !fits(by(shift)) {
+            shift -= 1;
+        }
+        // on small maps a plane may rise too much within a texel for one that does not over the map
+        if shift < 0 {
+            return None;
+        }
+        let [gx, gy] = by(shift);
         let mut plane = Plane { offset: 0, gx, gy, shift: shift as u8 };
         let (whole, part) = plane.at(at, scale);
         plane.offset = (z.floor() as i64 - whole) + ((z - z.floor()) - part).floor() as i64;
@@ -388,4 +397,36 @@ pub fn gradient(s: &Surface) -> [f64; 2] {
     let (gx, gy) = s.slope();
     let den = s.area() as f64;
     [gx as f64 / den, gy as f64 / den]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gradients_fit_a_page_or_there_is_no_plane() {
+        let (mut planes, mut none) = (0, 0);
+        for log2_resolution in 0..=24u8 {
+            let scale = Scale { subtexel_bits: (28 - log2_resolution as i32).max(8) as u8, log2_resolution };
+            for log2 in -40..40 {
+                for part in [1.0, 1.0 - f64::EPSILON, 1.0 - 2f64.powi(-26), 1.3] {
+                    // per 1/256 texel
+                    let g = part * 2f64.powi(log2) / f64::from(1u32 << scale.fine());
+                    for gradient in [[g, -g / 3.0], [g / 7.0, -g]] {
+                        let Some(p) = Plane::through(gradient, [12345, 6789], 1e9, scale) else {
+                            none += 1;
+                            continue;
+                        };
+                        planes += 1;
+                        assert!(p.gx.abs() < 1 << 24 && p.gy.abs() < 1 << 24, "{log2_resolution} {gradient:?}: {p:?}");
+                        let kept = p.gradient(scale);
+                        for k in 0..2 {
+                            assert!((kept[k] - gradient[k]).abs() <= g * 2f64.powi(-22), "{gradient:?}: {kept:?}");
+                        }
+                    }
+                }
+            }
+        }
+        assert!(planes > 1000 && none > 1000);
+    }
 }
