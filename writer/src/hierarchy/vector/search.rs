@@ -17,6 +17,10 @@
 //! before the other one's begins: then only its centre counts, and the centre's cell is told exactly. If both cells hold
 //! the same entry and neither is a tip, that is right for all of the texel; so are two entries if each is proven for the other
 //! cell, as far as such texels reach. Nothing else is accepted.
+//!
+//! What is true between the centres is told apart from this: [`continuous`].
+
+mod continuous;
 
 use umbrage_format::projection::UNCOVERED;
 
@@ -76,6 +80,8 @@ struct Tip {
     edges: u64,
     /// Up to this distance of front and end the stretch is known to begin and end there.
     far: f64,
+    /// How far the stretch's ends may lie off the planes of the two, in depth.
+    bend: f64,
 }
 
 /// Proves squares; owns the buffers.
@@ -126,8 +132,8 @@ impl<'a> Search<'a> {
         &self.rays.locals[i as usize]
     }
 
-    /// An entry for the tile-relative square; `list` holds the surfaces that overlap it, sorted by solid. Entries of
-    /// `above` are tried first, in this order.
+    /// An entry for the tile-relative square, and whether it is proven between the texels' centres, too; `list` holds the
+    /// surfaces that overlap the square, sorted by solid. Entries of `above` are tried first, in this order.
     pub fn square(
         &mut self,
         palette: &mut Palette,
@@ -135,7 +141,7 @@ impl<'a> Search<'a> {
         p: [i64; 2],
         size: i64,
         above: &[EntryId],
-    ) -> Option<EntryId> {
+    ) -> Option<(EntryId, bool)> {
         if list.len() > PROOF_LIST {
             return None;
         }
@@ -151,7 +157,7 @@ impl<'a> Search<'a> {
             return None;
         }
         self.edge_texels += self.cells.iter().filter_map(|c| c.tip).map(|t| t.edges).sum::<u64>();
-        Some(id)
+        Some((id, self.is_proven(p, size)))
     }
 
     fn half_planes(&self, path: &[(usize, bool)]) -> Vec<HalfPlane> {
@@ -320,12 +326,12 @@ impl<'a> Search<'a> {
                         return Some((palette.entry(Entry::Plane(own)), None));
                     }
                 }
-                let mut tip = Tip { front, end, plane, edges: 0, far: 0.0 };
+                let mut tip = Tip { front, end, plane, edges: 0, far: 0.0, bend: 0.0 };
                 if let Some(bend) = self.is_tip(list, region, tip)
                     && let Some(edges) = self.tip_fits(region, tip, bend)
                 {
                     tip.edges = edges;
-                    tip.far = self.far(tip, bend);
+                    (tip.far, tip.bend) = (self.far(tip, bend), bend);
                     return Some((palette.entry(Entry::Plane(plane)), Some(tip)));
                 }
             }
