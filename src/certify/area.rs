@@ -88,13 +88,20 @@ pub(super) fn area_interval(facets: &[Facet], o: [i64; 2], side: i64, second_sur
     })
 }
 
-/// Whether `value` is right on some ray of the open square of `side` steps at `o`: no less than lo and less than hi, over
-/// a part of the square that has an area. (So thin rays, which no value is right for, accept none.)
-pub(super) fn right_somewhere(facets: &[Facet], o: [i64; 2], side: i64, second_surface: bool, value: u32) -> bool {
+/// Whether some ray of the open square of `side` steps at `o` has `lo <= value + slack` and `value - slack < hi`, over a
+/// part of the square that has an area; of one that meets nothing whether the value is that of such rays.
+pub(super) fn right_somewhere(
+    facets: &[Facet],
+    o: [i64; 2],
+    side: i64,
+    second_surface: bool,
+    value: u32,
+    slack: u32,
+) -> bool {
     let (mut texel, square) = Texel::new(facets, side, second_surface);
     texel.set_up(o);
     let right = |texel: &mut Texel, piece: &Piece, step: Step| match step {
-        Step::Stretch(lo, hi) => texel.allows(piece, lo, hi, value),
+        Step::Stretch(lo, hi) => texel.allows(piece, lo, hi, value, slack),
         _ => value == UNCOVERED,
     };
     texel.walk(square, |texel, piece, step| if right(texel, piece, step) { None } else { Some(()) }).is_none()
@@ -195,10 +202,11 @@ impl<'a> Texel<'a> {
         if (self.covered && self.uncovered) || self.min > self.max { None } else { Some(()) }
     }
 
-    /// Whether `lo <= value < hi` somewhere in a finished piece.
-    fn allows(&mut self, piece: &Piece, lo: usize, hi: Option<usize>, value: u32) -> bool {
-        let value = i128::from(value);
+    /// Whether `lo <= value + slack` and `value - slack < hi` somewhere in a finished piece.
+    fn allows(&mut self, piece: &Piece, lo: usize, hi: Option<usize>, value: u32, slack: u32) -> bool {
+        let (value, slack) = (i128::from(value), i128::from(slack));
         let level = |s: &Surface, sign: i128| {
+            let value = value - sign * slack;
             let [a, b, c] = s.plane;
             Triple::Small([a * sign, b * sign, (c - value * s.area) * sign])
         };

@@ -1,14 +1,18 @@
 //! Holds continuous lookups against the truth: values between texel centres (spec/vector.md, Continuous lookups).
 //!
-//! What is accepted at a place p: a value in the interval of the ray through p; else one that is right, `lo <= value < hi`
-//! or uncovered, on rays of the open square of 2^-12 texel around p in x and in y. That is decided exactly: the square is cut
-//! into pieces like a texel, on a lattice that is finer where 2^-12 texel is no whole number of steps.
+//! What is accepted at a place p: a value in the interval of the ray through p; else one with `lo <= value + slack` and
+//! `value - slack < hi` on rays of the open square of 2^-12 texel around p in x and in y, or that of uncovered rays where the
+//! square has some. The slack is the guard and [`SLACK`] steps of depth. That is decided exactly: the square is cut into
+//! pieces like a texel, on a lattice that is finer where 2^-12 texel is no whole number of steps.
 
 use umbrage_reader::query::{PageView, vector};
 
 use super::facet::Facet;
 use super::sample::Spot;
 use super::{Oracle, area};
+
+/// Steps of depth that a value may lie beyond a ray's interval, besides the guard.
+pub const SLACK: u32 = 8;
 
 /// A value that is wrong where it is proven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,6 +106,7 @@ impl Oracle<'_> {
         let o = p.map(|v| (v << finer) - reach);
         let facets = near.iter().map(|t| Facet::new(self.mesh, *t as usize).finer(finer));
         let facets: Vec<Facet> = facets.filter(|f| f.overlaps(o, 2 * reach)).collect();
-        area::right_somewhere(&facets, o, 2 * reach, self.mesh.second_surface, value)
+        let slack = self.guard.saturating_add(SLACK);
+        area::right_somewhere(&facets, o, 2 * reach, self.mesh.second_surface, value, slack)
     }
 }

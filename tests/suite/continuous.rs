@@ -63,14 +63,14 @@ fn a_proof_too_many_and_a_line_beside_its_edge_are_found() {
     // every entry is called proven
     changed(&place, &file, |words| {
         let (layout, entries) = (Layout::of(words), words[2] >> 16);
-        // the root page of so small a map may have none
+        // pages without a proof have no such section
         for i in (0..entries).filter(|_| layout.proofs) {
             words[usize::from(layout.proofs_at) + i as usize / 32] |= 1 << (i % 32);
         }
     });
     let found = verified(&place, "changed.umb", 1);
     assert_eq!((&found["violations"], &found["ok"]), (&0.into(), &false.into()), "{found}");
-    assert!(found["continuous"]["violations"].as_u64() > Some(100), "{found}");
+    assert!(found["continuous"]["violations"].as_u64() > Some(20), "{found}");
     // every line moves by 1/64 texel
     changed(&place, &file, |words| {
         let lines = words[3] >> 16;
@@ -82,7 +82,7 @@ fn a_proof_too_many_and_a_line_beside_its_edge_are_found() {
         }
     });
     let found = verified(&place, "changed.umb", 1);
-    assert!(found["continuous"]["violations"].as_u64() > Some(100), "{found}");
+    assert!(found["continuous"]["violations"].as_u64() > Some(20), "{found}");
     assert!(!found["lights"][0]["continuous"]["examples"].as_array().unwrap().is_empty());
 }
 
@@ -118,7 +118,7 @@ fn both_readers_answer_alike_between_centres() {
 fn pictures_may_ask_between_centres() {
     let place = Place::new("continuous-render");
     bake(&place, "vector");
-    let args = ["render", CITY, "city.umb", "--camera", "15,20,15,0,0,0", "--size", "320x180"];
+    let args = ["render", CITY, "city.umb", "--camera", "60,40,60,0,0,0", "--size", "320x180"];
     place.fine(&[&args[..], &["-o", "near.png"]].concat());
     let text = place.fine(&[&args[..], &["--continuous", "-o", "sharp.png"]].concat());
     assert!(text.contains("between texel centres"), "{text}");

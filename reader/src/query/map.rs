@@ -150,7 +150,8 @@ impl Map {
     }
 
     /// Answer of root 0 at a place inside texel (x, y): `sub` is the place in 1/256 of the texel from its corner of
-    /// smallest x and y. Where the entry is not proven over its whole square, and in kind `mh`, the texel's own answer.
+    /// smallest x and y. Where the entry is not proven there, and in kind `mh`, the texel's own answer. A proven
+    /// one is right on a ray within 2^-12 texel of the place, but for a few steps of depth (spec/vector.md, Proofs).
     ///
     /// # Errors
     /// As [`texel`](Self::texel).

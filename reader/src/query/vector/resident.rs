@@ -59,7 +59,7 @@ struct Walk {
 const ENDED: u32 = u32::MAX;
 /// No page.
 const NOTHING: u32 = u32::MAX;
-/// Bit of a found entry: it is proven over its whole square.
+/// Bit of a found entry: it is proven where lookups end with it.
 const PROVEN: u32 = 1 << 31;
 
 impl Tree {

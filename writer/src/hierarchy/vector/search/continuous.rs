@@ -1,14 +1,15 @@
 //! Whether an entry that answers a square's texels is right between their centres, too (spec/vector.md, Proofs).
 //!
 //! Claim of [`Sight::is_proven`]: at every place p of the closed square whose stored cell is the one given, the stored value
-//! lies in the interval of the ray through some point q of the open square, at most 2^-12 texel from p in x and in y.
+//! lies in the interval of the ray through some point q of the open square, at most 2^-12 texel from p in x and in y, or at
+//! most [`SLACK`] steps of depth and the guard beyond its ends.
 //!
 //! Argument. Stored lines lie off the exact ones by at most [`Border::off`], so p lies in the cell with its half-planes
 //! widened by that; q is looked for inside the exact cell. What [`super`] knows of a cell's plane P:
 //! - it is right on every ray of a slab, also where it is evaluated at another point within half a texel, and of a tip's
 //!   far part;
 //! - in a tip's near part the stretch of every ray begins within `bend` of the front f and ends within `bend` of the end e,
-//!   so that a value v is right at q where `f(q) + bend <= v < e(q) - bend`; and what pages store at p lies above
+//!   so that a value v is right at q where `f(q) + bend <= v < e(q) - bend`, give or take the slack; and what pages store at p lies above
 //!   `P(p) - 2` and not above `P(p)`.
 //!
 //! All of these conditions are linear in (p, q), so the pairs that meet them are a convex set, and so are the places p
@@ -24,6 +25,8 @@ use crate::interval::triangle::Local;
 
 /// Silhouette edges among which that of a block's split is looked for: not less than were candidates.
 const MOST_EDGES: usize = 6;
+/// Steps of depth that a value may lie beyond a ray's interval, besides the guard (spec/vector.md, Proofs).
+const SLACK: u32 = 8;
 /// What exact cells and squares are drawn in by, lattice steps: far above what rounding can move an edge of a tile, far
 /// below the distance of p and q.
 const INWARD: f64 = -1.0 / 1024.0;
@@ -48,7 +51,8 @@ impl Search<'_> {
         let borders: Vec<Border> = borders.collect();
         let wedge = tip.map(|tip| {
             let [front, end] = [tip.front, tip.end].map(|i| &self.rays.locals[i as usize]);
-            Wedge::new(front, end, (&tip.plane, self.rays.corner, self.scale), tip.far, tip.bend)
+            let wedge = Wedge::new(front, end, (&tip.plane, self.rays.corner, self.scale), tip.far, tip.bend);
+            Wedge { room: wedge.room - f64::from(SLACK) - f64::from(self.guard), ..wedge }
         });
         Sight::new(self.scale).is_proven(&mut self.polygon, p, size, &borders, wedge)
     }
@@ -124,7 +128,7 @@ struct Wedge {
     end: Linear,
     plane: Linear,
     far: f64,
-    /// What the ends of the stretch may lie off the two, and rounding.
+    /// What the ends of the stretch may lie off the two, and rounding, less the slack.
     room: f64,
 }
 
