@@ -18,7 +18,7 @@
 //! the same entry and neither is a tip, that is right for all of the texel; so are two entries if each is proven for the other
 //! cell, as far as such texels reach. Nothing else is accepted.
 //!
-//! What is true between the centres is told apart from this: [`continuous`].
+//! What is true between the centres is told apart from this: module `continuous`.
 
 mod continuous;
 

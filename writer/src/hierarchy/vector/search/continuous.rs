@@ -8,9 +8,10 @@
 //! widened by that; q is looked for inside the exact cell. What [`super`] knows of a cell's plane P:
 //! - it is right on every ray of a slab, also where it is evaluated at another point within half a texel, and of a tip's
 //!   far part;
-//! - in a tip's near part the stretch of every ray begins within `bend` of the front f and ends within `bend` of the end e,
-//!   so that a value v is right at q where `f(q) + bend <= v < e(q) - bend`, give or take the slack; and what pages store at p lies above
-//!   `P(p) - 2` and not above `P(p)`.
+//! - in a tip's near part the stretch of every ray begins within `bend` of the front f and ends within `bend` of the end e
+//!   (under second-surface: the first and the second surface lie there), so that a value v is right at q where
+//!   `f(q) + bend <= v < e(q) - bend`, give or take the slack; and what pages store at p lies above `P(p) - 2` and not above
+//!   `P(p)`.
 //!
 //! All of these conditions are linear in (p, q), so the pairs that meet them are a convex set, and so are the places p
 //! that have a q: if each corner of the widened cell has one, all of it has.
