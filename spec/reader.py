@@ -3,6 +3,7 @@
 
     python3 spec/reader.py check FILE... [--limit NAME=N]...
     python3 spec/reader.py texels FILE --structure NAME [--root R] < points.csv
+    python3 spec/reader.py places FILE --structure NAME [--root R] < places.csv
     python3 spec/reader.py dump FILE
 
 Read in this order: `Container` (container.md: opening), `Structure.block` and `check_record` (index), `Structure.page`
@@ -659,6 +660,21 @@ class Structure:
 
     def lookup_vector(self, x, y, level, root):
         """As `lookup`; the word is the node's number, 4 * group + c."""
+        (page, *node), r = self.find(x, y, level, root)
+        level = min(level, self.log2_resolution)
+        px, py = (256 * (v % (1 << r.log2_x) >> level << level) + (128 << level) for v in (x, y))
+        return page.value(page.indexes[page.index_of[node[2]]], px, py), *node
+
+    def continuous(self, x, y, fx, fy, root):
+        """(value, whether it is proven) at a place inside texel (x, y); only for kind vector."""
+        (page, _, _, node), r = self.find(x, y, 0, root)
+        index = page.index_of[node]
+        proven = page.proven(index)
+        px, py = (256 * (v % (1 << r.log2_x)) + (f if proven else 128) for v, f in ((x, fx), (y, fy)))
+        return page.value(page.indexes[index], px, py), int(proven)
+
+    def find(self, x, y, level, root):
+        """Where the walk in kind vector ends: page, level, ordinal, node; and the page's record."""
         level = min(level, self.log2_resolution)
         ordinal, page = root, self.page(root)
         group, l, found = 0, self.log2_resolution, None
@@ -676,10 +692,7 @@ class Structure:
                 ordinal = self.record(ordinal).first_child + page.stubs.index(group)
                 page, group = self.page(ordinal), 0
             l -= 1
-        page, *node = found
-        r = self.record(node[1])
-        px, py = (256 * (v % (1 << r.log2_x) >> level << level) + (128 << level) for v in (x, y))
-        return page.value(page.indexes[page.index_of[node[2]]], px, py), *node
+        return found, self.record(found[2])
 
 
 def stored_words(r):
@@ -716,21 +729,44 @@ def check(path, limits):
     return {"ok": count == 0, "file": path, "rules": rules, "faults": count, "errors": errors, **summary}
 
 
-def texels(container, name, root, lines, out):
-    s = container.structure(name)
-    if s.kind not in (MH, VECTOR):
-        raise Invalid(f"structure '{name}' is of kind {KINDS[s.kind]}, whose words are not defined")
-    if not 0 <= root < s.root_count:
-        raise Invalid(f"root {root}: there are {s.root_count}, counted from 0")
-    out.write("x,y,level,value,node_level,page,word\n")
+def rows(lines, names):
+    """Numbers of the lines below a header that may be left out: (line, its number, numbers)."""
     for i, line in enumerate(lines, 1):
         fields = line.strip()
         if not fields or (i == 1 and fields.startswith("x")):
             continue
         try:
-            x, y, level = map(int, fields.split(","))
+            numbers = tuple(map(int, fields.split(",")))
         except ValueError:
-            raise Invalid(f"line {i}: expected x,y,level, found '{fields}'") from None
+            numbers = ()
+        if len(numbers) != len(names.split(",")):
+            raise Invalid(f"line {i}: expected {names}, found '{fields}'")
+        yield fields, i, numbers
+
+
+def rooted(container, name, root, kinds):
+    s = container.structure(name)
+    if s.kind not in kinds:
+        raise Invalid(f"structure '{name}' is of kind {KINDS[s.kind]}, which has no such lookups here")
+    if not 0 <= root < s.root_count:
+        raise Invalid(f"root {root}: there are {s.root_count}, counted from 0")
+    return s
+
+
+def places(container, name, root, lines, out):
+    s = rooted(container, name, root, (VECTOR,))
+    out.write("x,y,fx,fy,value,proven\n")
+    side = 1 << s.log2_resolution
+    for fields, i, (x, y, fx, fy) in rows(lines, "x,y,fx,fy"):
+        if not (0 <= x < side and 0 <= y < side and 0 <= fx < 256 and 0 <= fy < 256):
+            raise Invalid(f"line {i}: {fields} lies outside the map or its texel")
+        out.write(",".join(map(str, (x, y, fx, fy, *s.continuous(x, y, fx, fy, root)))) + "\n")
+
+
+def texels(container, name, root, lines, out):
+    s = rooted(container, name, root, (MH, VECTOR))
+    out.write("x,y,level,value,node_level,page,word\n")
+    for fields, i, (x, y, level) in rows(lines, "x,y,level"):
         side = 1 << s.log2_resolution - level if 0 <= level <= s.log2_resolution else 0
         if not (0 <= x < side and 0 <= y < side):
             raise Invalid(f"line {i}: {fields} lies outside the map")
@@ -758,10 +794,11 @@ def main():
     p = commands.add_parser("check", help="check whole files; one JSON object each")
     p.add_argument("files", nargs="+", metavar="FILE")
     p.add_argument("--limit", action="append", default=[], metavar="NAME=N", help=", ".join(LIMITS))
-    p = commands.add_parser("texels", help="answer rows x,y,level from standard input")
-    p.add_argument("file", metavar="FILE")
-    p.add_argument("--structure", required=True, metavar="NAME")
-    p.add_argument("--root", type=int, default=0)
+    for name, columns in (("texels", "x,y,level"), ("places", "x,y,fx,fy")):
+        p = commands.add_parser(name, help=f"answer rows {columns} from standard input")
+        p.add_argument("file", metavar="FILE")
+        p.add_argument("--structure", required=True, metavar="NAME")
+        p.add_argument("--root", type=int, default=0)
     p = commands.add_parser("dump", help="print a summary")
     p.add_argument("file", metavar="FILE")
     args = parser.parse_args()
@@ -782,6 +819,8 @@ def main():
         container = Container(args.file)
         if args.command == "texels":
             texels(container, args.structure, args.root, sys.stdin, sys.stdout)
+        elif args.command == "places":
+            places(container, args.structure, args.root, sys.stdin, sys.stdout)
         else:
             dump(container, sys.stdout)
         return 0

@@ -136,6 +136,10 @@ class Vector:
                 self.padding(heap - 1, 16, at)
         need(heap == n, "vector.length", at, f"{heap} of {n} words")
 
+    def proven(self, i):
+        """The proof of the node of index i."""
+        return self.words[3] >> 8 & 1 == 1 and self.bits(self.at["proofs"], 1, i) == 1
+
     def plane_of(self, i):
         at = self.at["planes"] + 3 * (i - self.plane)
         o0, w1, w2 = self.words[at : at + 3]

@@ -78,23 +78,9 @@ struct Texel<'a> {
 ///
 /// `facets` are those that share area with the square.
 pub(super) fn area_interval(facets: &[Facet], o: [i64; 2], side: i64, second_surface: bool) -> Option<Interval> {
-    let (plot, square) = Plot::new(side);
-    let mut texel = Texel {
-        facets,
-        second_surface,
-        plot,
-        bounds: Vec::new(),
-        surfaces: Vec::new(),
-        crossings: Vec::new(),
-        depths: Vec::new(),
-        covered: false,
-        uncovered: false,
-        min: 0,
-        max: DEEPEST.into(),
-    };
+    let (mut texel, square) = Texel::new(facets, side, second_surface);
     texel.set_up(o);
-    let live = (0..texel.surfaces.len() as u32).map(|surface| Live { surface, open: 7 }).collect();
-    texel.walk(square, live)?;
+    texel.walk(square, |texel, piece, step| texel.take(piece, step))?;
     Some(if texel.covered {
         Interval { min: texel.min as u32, max: texel.max as u32 }
     } else {
@@ -102,7 +88,45 @@ pub(super) fn area_interval(facets: &[Facet], o: [i64; 2], side: i64, second_sur
     })
 }
 
-impl Texel<'_> {
+/// Whether some ray of the open square of `side` steps at `o` has `lo <= value + slack` and `value - slack < hi`, over a
+/// part of the square that has an area; of one that meets nothing whether the value is that of such rays.
+pub(super) fn right_somewhere(
+    facets: &[Facet],
+    o: [i64; 2],
+    side: i64,
+    second_surface: bool,
+    value: u32,
+    slack: u32,
+) -> bool {
+    let (mut texel, square) = Texel::new(facets, side, second_surface);
+    texel.set_up(o);
+    let right = |texel: &mut Texel, piece: &Piece, step: Step| match step {
+        Step::Stretch(lo, hi) => texel.allows(piece, lo, hi, value, slack),
+        _ => value == UNCOVERED,
+    };
+    texel.walk(square, |texel, piece, step| if right(texel, piece, step) { None } else { Some(()) }).is_none()
+}
+
+impl<'a> Texel<'a> {
+    /// Without its surfaces; and its square.
+    fn new(facets: &'a [Facet], side: i64, second_surface: bool) -> (Self, Piece) {
+        let (plot, square) = Plot::new(side);
+        let texel = Texel {
+            facets,
+            second_surface,
+            plot,
+            bounds: Vec::new(),
+            surfaces: Vec::new(),
+            crossings: Vec::new(),
+            depths: Vec::new(),
+            covered: false,
+            uncovered: false,
+            min: 0,
+            max: DEEPEST.into(),
+        };
+        (texel, square)
+    }
+
     fn set_up(&mut self, o: [i64; 2]) {
         for (i, f) in self.facets.iter().enumerate() {
             let p = f.corners;
@@ -137,8 +161,9 @@ impl Texel<'_> {
         }
     }
 
-    /// Works through all pieces; `None` as soon as it is certain that no area interval exists.
-    fn walk(&mut self, square: Piece, live: Vec<Live>) -> Option<()> {
+    /// Works through all pieces that are finished; `None` as soon as `each` says so.
+    fn walk(&mut self, square: Piece, mut each: impl FnMut(&mut Self, &Piece, Step) -> Option<()>) -> Option<()> {
+        let live: Vec<Live> = (0..self.surfaces.len() as u32).map(|surface| Live { surface, open: 7 }).collect();
         // Halves never outnumber the surfaces by much, however they lie: edges that coincide cannot be told apart so.
         let halvings = (live.len() / CROWD + 1).ilog2() + 2;
         let mut todo = vec![(square, live, halvings)];
@@ -153,23 +178,47 @@ impl Texel<'_> {
                     todo.push((behind, live.clone(), halvings));
                     todo.push((before, live, halvings));
                 }
-                Step::Uncovered => self.uncovered = true,
-                Step::Stretch(lo, hi) => {
-                    self.covered = true;
-                    for &(c, _) in &piece {
-                        self.min = self.ceil(lo, c, |a| a > self.min).unwrap_or(self.min);
-                        if let Some(hi) = hi {
-                            // max = ceil - 1
-                            self.max = self.ceil(hi, c, |a| a <= self.max).map_or(self.max, |a| a - 1);
-                        }
-                    }
-                }
-            }
-            if (self.covered && self.uncovered) || self.min > self.max {
-                return None;
+                step => each(self, &piece, step)?,
             }
         }
         Some(())
+    }
+
+    /// Takes in a finished piece; `None` as soon as it is certain that no area interval exists.
+    fn take(&mut self, piece: &Piece, step: Step) -> Option<()> {
+        match step {
+            Step::Stretch(lo, hi) => {
+                self.covered = true;
+                for &(c, _) in piece {
+                    self.min = self.ceil(lo, c, |a| a > self.min).unwrap_or(self.min);
+                    if let Some(hi) = hi {
+                        // max = ceil - 1
+                        self.max = self.ceil(hi, c, |a| a <= self.max).map_or(self.max, |a| a - 1);
+                    }
+                }
+            }
+            _ => self.uncovered = true,
+        }
+        if (self.covered && self.uncovered) || self.min > self.max { None } else { Some(()) }
+    }
+
+    /// Whether `lo <= value + slack` and `value - slack < hi` somewhere in a finished piece.
+    fn allows(&mut self, piece: &Piece, lo: usize, hi: Option<usize>, value: u32, slack: u32) -> bool {
+        let (value, slack) = (i128::from(value), i128::from(slack));
+        let level = |s: &Surface, sign: i128| {
+            let value = value - sign * slack;
+            let [a, b, c] = s.plane;
+            Triple::Small([a * sign, b * sign, (c - value * s.area) * sign])
+        };
+        let front = self.plot.line(level(&self.surfaces[lo], -1));
+        let behind = match self.plot.sides(piece, front) {
+            (true, true) => self.plot.cut(piece, front).into_iter().nth(1).unwrap_or_default(),
+            (true, false) => return false,
+            _ => piece.clone(),
+        };
+        let Some(hi) = hi else { return value <= DEEPEST.into() };
+        let end = self.plot.line(level(&self.surfaces[hi], 1));
+        value <= DEEPEST.into() && self.plot.sides(&behind, end).1
     }
 
     /// Drops surfaces that do not cover the piece, and notes edges that do not cross it.

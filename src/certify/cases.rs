@@ -314,3 +314,25 @@ fn only_solids_with_matching_edges_are_tight() {
     mesh.solid.remove(24 + 7);
     assert_eq!(Oracle::new(&mesh).tight, [true, false, false, false]);
 }
+
+#[test]
+fn between_centres_a_value_is_right_within_a_16th_of_a_step() {
+    // 2^20 and 2^8 lattice steps a texel: in the second, 2^-12 texel is less than a step
+    for bits in [28, 16] {
+        let mut mesh = empty(8, bits);
+        let t = 1i64 << (bits - 8);
+        add_box(&mut mesh, 0, [t, t, 100], [10 * t, 10 * t, 1000], false);
+        let oracle = Oracle::new(&mesh).with_guard(5);
+        let accepts = |x: u64, value: u32| oracle.accepts_at([x, 4 * 256 + 77], value);
+        let side = 10 * 256;
+        for x in [256, 300, side - 1] {
+            assert!([100, 500, 999, 87, 1012].into_iter().all(|v| accepts(x, v)), "{bits}: {x}");
+            assert!(![86, 1013].into_iter().any(|v| accepts(x, v)), "{bits}: {x}");
+        }
+        // on the silhouette both sides are right, a step away only one
+        assert!(accepts(side, 500) && accepts(side, UNCOVERED), "{bits}");
+        assert!(!accepts(side + 1, 500) && accepts(side + 1, UNCOVERED), "{bits}");
+        assert!(accepts(side - 1, 500) && !accepts(side - 1, UNCOVERED), "{bits}");
+        assert!(accepts(0, UNCOVERED) && !accepts(0, 500), "{bits}");
+    }
+}

@@ -49,6 +49,16 @@ impl Facet {
         Self { solid, role, corners: p, slope, area: normal[2].abs() }
     }
 
+    /// The same on a lattice whose steps in x and y are `2^k` times as fine; k is at most 4.
+    pub(super) fn finer(mut self, k: u32) -> Self {
+        for p in &mut self.corners {
+            (p[0], p[1]) = (p[0] << k, p[1] << k);
+        }
+        self.slope = self.slope.map(|s| s << k);
+        self.area <<= 2 * k;
+        self
+    }
+
     /// The edge function of edge `k` as `[a, b, c]`: `a x + b y + c` is positive inside, x and y counted from `o`.
     pub(super) fn edge(&self, k: usize, o: [i64; 2]) -> [i128; 3] {
         let (p, q) = (self.corners[k], self.corners[(k + 1) % 3]);

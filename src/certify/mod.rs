@@ -33,7 +33,7 @@
 //! # Reading map
 //! `facet` is one triangle; `ray` follows one ray; `plot` cuts a texel into convex pieces and `area` finds the
 //! area interval with it; `grid` finds triangles; `sweep` passes over many texels, and settles most of them without
-//! an exact look; `sample` says where to look when it can't be everywhere. `stop` is about the answers without a page. `layers` is about maps that come from depth
+//! an exact look; `sample` says where to look when it can't be everywhere. `stop` is about the answers without a page, `place` about those between texel centres. `layers` is about maps that come from depth
 //! layers instead: centres only.
 
 mod area;
@@ -43,6 +43,7 @@ mod depth;
 mod facet;
 mod grid;
 pub mod layers;
+pub mod place;
 mod plot;
 mod ray;
 pub mod sample;

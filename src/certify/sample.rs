@@ -78,12 +78,66 @@ pub fn regions(mesh: Option<&SnappedMesh>, resolution: u32, count: u64, borders:
 
 /// A texel on an edge of some triangle.
 fn on_an_edge(mesh: &SnappedMesh, sequence: &mut Sequence) -> Option<[u32; 2]> {
+    let last = i64::from(mesh.lattice.resolution()) - 1;
+    Some(point_on_an_edge(mesh, sequence)?.map(|v| (v >> mesh.lattice.subtexel_bits).clamp(0, last) as u32))
+}
+
+/// A place inside a texel, in 1/256 texel from the map's corner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Spot {
+    /// Both coordinates.
+    pub at: [u64; 2],
+    /// It was spread over the map at random, not put near something.
+    pub spread: bool,
+}
+
+impl Spot {
+    /// The texel.
+    pub fn texel(&self) -> [u32; 2] {
+        self.at.map(|v| (v >> 8) as u32)
+    }
+
+    /// Where in the texel.
+    pub fn sub(&self) -> [u8; 2] {
+        self.at.map(|v| v as u8)
+    }
+}
+
+/// `count` places: half of them at random, half within 2/256 texel of edges of triangles and borders of leaves and
+/// pages.
+pub fn spots(mesh: &SnappedMesh, count: u64, borders: &Borders) -> Vec<Spot> {
+    let mut sequence = Sequence(0xD1B5_4A32_D192_ED03);
+    let side = u64::from(mesh.lattice.resolution()) << 8;
+    let fine = mesh.lattice.subtexel_bits - 8;
+    let mut spot = |i: u64| {
+        let random = [0; 2].map(|_| sequence.below(side));
+        let texel = random.map(|v| (v >> 8) as u32);
+        let along = sequence.below(256);
+        // somewhere on the border, not only at texels' corners
+        let mut border = |origin: [u32; 2], log2: u8| {
+            let [x, y] = sequence.border(origin, log2).map(|v| u64::from(v) << 8);
+            if sequence.below(2) == 0 { [x + along, y] } else { [x, y + along] }
+        };
+        let near = match i % 8 {
+            1 | 5 => point_on_an_edge(mesh, &mut sequence).map(|p| p.map(|v| (v >> fine).max(0) as u64)),
+            3 => (borders.leaf)(texel[0], texel[1]).map(|l| border(texel.map(|v| v >> l << l), l)),
+            7 => (borders.page)(texel[0] % borders.pages.max(1)).map(|(origin, log2)| border(origin, log2)),
+            _ => None,
+        };
+        let spread = i.is_multiple_of(2);
+        let at = near.map_or(random, |p| p.map(|v| (v + sequence.below(5)).saturating_sub(2)));
+        Spot { at: at.map(|v| v.min(side - 1)), spread }
+    };
+    (0..count).map(&mut spot).collect()
+}
+
+/// A lattice point on an edge of some triangle, rounded down.
+fn point_on_an_edge(mesh: &SnappedMesh, sequence: &mut Sequence) -> Option<[i64; 2]> {
     let t = mesh.triangles.get(sequence.below(mesh.triangles.len() as u64) as usize)?;
     let k = sequence.below(3) as usize;
     let [a, b] = [t[k], t[(k + 1) % 3]].map(|i| mesh.positions[i as usize]);
     let part = sequence.below(1 << 16) as i128;
-    let at = |i: usize| (i128::from(a[i]) + ((i128::from(b[i] - a[i]) * part) >> 16)) >> mesh.lattice.subtexel_bits;
-    Some([0, 1].map(|i| at(i).clamp(0, i128::from(mesh.lattice.resolution()) - 1) as u32))
+    Some([0, 1].map(|i| a[i] + ((i128::from(b[i] - a[i]) * part) >> 16) as i64))
 }
 
 #[cfg(test)]

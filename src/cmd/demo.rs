@@ -87,7 +87,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
 
     let container = open(&file)?;
     let budget = args.budget.map_or_else(|| default_budget(&container), |m| m << 20);
-    let shadows = Shadows::answer(&view, &container, structure(&container, Some("sun"))?, args.backend, budget)?;
+    let shadows = Shadows::answer(&view, &container, structure(&container, Some("sun"))?, args.backend, budget, false)?;
     let by_map = &shadows.lit;
     let read = container.counters();
     stage("shadows from the file");

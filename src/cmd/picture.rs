@@ -40,8 +40,9 @@ pub fn snapped(mesh: &Mesh, structure: &Structure) -> Result<SnappedMesh, Failur
     solid::snap(mesh, structure.lattice(), policy).map_err(|e| Failure::new(INPUT, e))
 }
 
-/// Light or shadow of every pixel, by the map, on the CPU; pixels without a receiver are lit.
-pub fn lit_by_map(view: &View, map: &Map) -> Result<Vec<bool>, Failure> {
+/// Light or shadow of every pixel, by the map, on the CPU; pixels without a receiver are lit. With `continuous` the map is
+/// looked up at the receiver's place in its texel.
+pub fn lit_by_map(view: &View, map: &Map, continuous: bool) -> Result<Vec<bool>, Failure> {
     let lattice = map.lattice();
     let answers: Result<Vec<bool>, ReaderError> = view
         .receivers
@@ -49,7 +50,8 @@ pub fn lit_by_map(view: &View, map: &Map) -> Result<Vec<bool>, Failure> {
         .map(|r| match r {
             Some(r) if go_on() => {
                 let [x, y] = r.texel(&lattice);
-                Ok(r.lit(map.texel(x, y, 0)?.value))
+                let answer = if continuous { map.continuous(x, y, r.sub(&lattice))? } else { map.texel(x, y, 0)? };
+                Ok(r.lit(answer.value))
             }
             _ => Ok(true),
         })

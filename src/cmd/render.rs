@@ -38,6 +38,9 @@ pub struct Args {
     /// What answers the shadows
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
     backend: Backend,
+    /// Look the map up at the place in the texel where it is proven there (kind vector): edges as sharp as the geometry's
+    #[arg(long)]
+    continuous: bool,
     /// Most memory for the streamer, MiB; half of the file without it
     #[arg(long, value_name = "MIB", allow_negative_numbers = true, value_parser = whole::<u64>(1, 1 << 20))]
     budget: Option<u64>,
@@ -72,7 +75,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let view = geometry.view(&camera, args.size[0], args.size[1], &go_on).ok_or_else(Failure::interrupted)?;
     let pages = structure.page_count();
     let budget = args.budget.map_or_else(|| default_budget(&container), |m| m << 20);
-    let shadows = Shadows::answer(&view, &container, structure, args.backend, budget)?;
+    let shadows = Shadows::answer(&view, &container, structure, args.backend, budget, args.continuous)?;
     let shading = Shading { components: Some(&snapped.solid), haze: None };
     write_png(&args.output, &shade(&view, &coverage(&shadows.lit), shading))?;
     let read = container.counters();

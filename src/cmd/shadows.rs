@@ -5,7 +5,7 @@ use umbrage::reader::query::Map;
 use umbrage::reader::{Container, Structure};
 use umbrage::render::View;
 
-use super::{Failure, TARGET, output, picture};
+use super::{Failure, TARGET, USAGE, output, picture};
 
 /// What is asked to answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -54,30 +54,45 @@ pub fn default_budget(container: &Container) -> u64 {
 }
 
 impl Shadows {
-    /// Answers a view; `budget` is the most bytes that the streamer may hold.
+    /// Answers a view; `budget` is the most bytes that the streamer may hold, `continuous` asks for lookups at the places of
+    /// receivers in their texels, which the CPU answers.
     pub fn answer(
         view: &View,
         container: &Container,
         structure: Structure,
         backend: Backend,
         budget: u64,
+        continuous: bool,
     ) -> Result<Shadows, Failure> {
+        if continuous && backend == Backend::Gpu {
+            let message = "--continuous is answered by the CPU; leave --backend gpu out";
+            return Err(Failure::new(USAGE, message));
+        }
+        if continuous {
+            return Shadows::on_cpu(view, container, structure, "the CPU, between texel centres".to_string(), true);
+        }
         if backend != Backend::Cpu {
             match gpu::answer(view, &structure, budget) {
                 Err(gpu::Failed::NoDevice(why)) if backend == Backend::Auto => {
-                    return Shadows::on_cpu(view, container, structure, format!("the CPU ({why})"));
+                    return Shadows::on_cpu(view, container, structure, format!("the CPU ({why})"), false);
                 }
                 Err(gpu::Failed::NoDevice(why)) => return Err(Failure::new(TARGET, why)),
                 Err(gpu::Failed::Other(failure)) => return Err(failure),
                 Ok(shadows) => return Ok(shadows),
             }
         }
-        Shadows::on_cpu(view, container, structure, "the CPU".to_string())
+        Shadows::on_cpu(view, container, structure, "the CPU".to_string(), false)
     }
 
-    fn on_cpu(view: &View, container: &Container, structure: Structure, by: String) -> Result<Shadows, Failure> {
+    fn on_cpu(
+        view: &View,
+        container: &Container,
+        structure: Structure,
+        by: String,
+        continuous: bool,
+    ) -> Result<Shadows, Failure> {
         let before = container.counters().pages;
-        let lit = picture::lit_by_map(view, &Map::new(structure)?)?;
+        let lit = picture::lit_by_map(view, &Map::new(structure)?, continuous)?;
         Ok(Shadows { lit, by, pages_read: container.counters().pages - before, stream: None })
     }
 

@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
 use serde_json::{Value, json};
+use umbrage::certify::place::{self, SpotTally};
 use umbrage::certify::sample::{self, Borders};
 use umbrage::certify::stop::{StopFault, StopTally, Stops};
 use umbrage::certify::{Oracle, Region, Tally};
@@ -60,6 +61,7 @@ struct Findings {
     near: u64,
     violations: u64,
     stops: StopTally,
+    spots: SpotTally,
     lights: Vec<Value>,
     /// What ended the command early.
     error: Option<Value>,
@@ -98,7 +100,11 @@ impl Findings {
     }
 
     fn ok(&self) -> bool {
-        self.faults == 0 && self.violations == 0 && self.stops.wrong == 0 && self.error.is_none()
+        self.faults == 0
+            && self.violations == 0
+            && self.stops.wrong == 0
+            && self.spots.wrong == 0
+            && self.error.is_none()
     }
 
     fn json(&self) -> Value {
@@ -115,6 +121,7 @@ impl Findings {
             "texels_near_borders": self.near,
             "violations": self.violations,
             "stop_errors": stop_counts(&self.stops),
+            "continuous": { "places": self.spots.places, "proven": self.spots.proven, "violations": self.spots.wrong },
             "promises": self.promises.iter().map(|(n, p)| (n.clone(), json!(p))).collect::<serde_json::Map<_, _>>(),
             "lights": self.lights,
             "error": self.error,
@@ -125,6 +132,21 @@ impl Findings {
 /// Stop errors for programs; a pair is a texel and a page on the way to it.
 fn stop_counts(t: &StopTally) -> Value {
     json!({ "pairs": t.pairs, "held_exactly": t.exact, "passed_over": t.passed, "violations": t.wrong })
+}
+
+/// Continuous lookups of one light, for programs; nothing where its kind has none.
+fn spot_counts(t: &SpotTally, kind: Kind) -> Value {
+    if kind != Kind::Vector {
+        return Value::Null;
+    }
+    let example = |e: &place::SpotFault| {
+        let [x, y] = e.spot.at.map(|v| v as f64 / 256.0);
+        json!({ "x": x, "y": y, "answer": e.answer })
+    };
+    json!({
+        "places": t.places, "proven": t.proven, "violations": t.wrong, "proven_share": t.share(),
+        "examples": t.examples.iter().map(example).collect::<Vec<_>>(),
+    })
 }
 
 /// A stop error that is too small, for programs.
@@ -254,6 +276,20 @@ fn tell(f: &Findings) -> Result<(), Failure> {
                 e["page"], e["x"], e["y"], e["answer"], e["min"], e["max"], e["stop_error"]
             ))?;
         }
+        let spots = &l["continuous"];
+        if let Some(share) = spots["proven_share"].as_f64() {
+            line(&format!(
+                "light {}: {:.1} % of the map proven between texel centres; {} of {} places lie there and were held against the source, {} wrong",
+                l["name"],
+                100.0 * share,
+                spots["proven"],
+                spots["places"],
+                spots["violations"]
+            ))?;
+        }
+        for e in spots["examples"].as_array().into_iter().flatten() {
+            line(&format!("  place {}, {}: answered {}, wrong within 2^-12 texel", e["x"], e["y"], e["answer"]))?;
+        }
     }
     Ok(())
 }
@@ -270,30 +306,36 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
     let side = map.resolution();
     let whole = u64::from(side) * u64::from(side);
     let sample = sample.filter(|n| *n < whole);
+    let page = |p| map.structure().page_record(p).ok().map(|r| ([r.origin_x.get(), r.origin_y.get()], r.log2_x));
+    let leaf = |x, y| map.texel(x, y, 0).ok().map(|a| a.level);
+    let borders = Borders { pages: map.structure().page_count(), page: &page, leaf: &leaf };
     let (regions, near) = match sample {
         None => {
             let height = side.min(512);
             let bands = (0..side).step_by(height as usize).map(|y| Region { x: 0, y, width: side, height });
             (bands.collect(), 0)
         }
-        Some(n) => {
-            let page =
-                |p| map.structure().page_record(p).ok().map(|r| ([r.origin_x.get(), r.origin_y.get()], r.log2_x));
-            let leaf = |x, y| map.texel(x, y, 0).ok().map(|a| a.level);
-            sample::regions(
-                Some(&snapped),
-                side,
-                n,
-                &Borders { pages: map.structure().page_count(), page: &page, leaf: &leaf },
-            )
-        }
+        Some(n) => sample::regions(Some(&snapped), side, n, &borders),
     };
     let (t, stopped) = check(&oracle, &regions, &resident, &stops)?;
+    let kind = map.structure().kind();
+    let spots = match kind {
+        Kind::Vector => sample::spots(&snapped, sample.unwrap_or(whole).min(SPOTS), &borders),
+        _ => Vec::new(),
+    };
+    let one = |s: &sample::Spot| match go_on() {
+        true => place::check(&oracle, |o| map.page(o).ok().and(map.view(o)), map.lattice().log2_resolution, *s),
+        false => SpotTally::default(),
+    };
+    let spots = spots.par_iter().map(one).reduce(SpotTally::default, SpotTally::merge);
+    if !go_on() {
+        return Err(Failure::interrupted());
+    }
     f.texels += t.texels;
     f.near += near;
     f.violations += t.wrong;
     if sample.is_none() {
-        f.counts(&name, map.structure().kind(), [edge, t.edge()], [thin, t.thin]);
+        f.counts(&name, kind, [edge, t.edge()], [thin, t.thin]);
     }
     let example = |[x, y]: [u32; 2]| {
         let truth = oracle.texel(x, y);
@@ -309,10 +351,15 @@ fn certify(s: Structure, mesh: &Mesh, sample: Option<u64>, f: &mut Findings) -> 
         "edge": t.edge(), "thin": t.thin, "examples": examples.into_iter().map(example).collect::<Vec<_>>(),
         "stop_errors": stop_counts(&stopped),
         "stop_examples": stopped.examples.iter().map(stop_example).collect::<Vec<_>>(),
+        "continuous": spot_counts(&spots, kind),
     }));
     f.stops = std::mem::take(&mut f.stops).merge(stopped);
+    f.spots = std::mem::take(&mut f.spots).merge(spots);
     Ok(())
 }
+
+/// Most places between texel centres that are looked at.
+const SPOTS: u64 = 1 << 20;
 
 /// Holds the stored values of one light against the depth layers it was baked from.
 fn certify_layers(s: Structure, source: &str, args: &Args, f: &mut Findings) -> Result<(), Failure> {

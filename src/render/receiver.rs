@@ -69,6 +69,12 @@ impl Receiver {
         self.xy.map(|v| (v >> lattice.subtexel_bits).clamp(0, last) as u32)
     }
 
+    /// Where in that texel, in 1/256 texel from its corner of smallest coordinates, rounded down.
+    pub fn sub(&self, lattice: &Lattice) -> [u8; 2] {
+        let side = lattice.side();
+        self.xy.map(|v| (v.clamp(0, side - 1) >> (lattice.subtexel_bits - 8)) as u8)
+    }
+
     /// Whether a map that stores `value` for [`Receiver::texel`] says lit.
     pub fn lit(&self, value: u32) -> bool {
         self.depth.query() <= value

@@ -21,7 +21,7 @@ use crate::golden::{self, answers, open, workspace};
 use crate::tree::{Dice, Folder, ID, structure, write};
 
 /// Runs `spec/reader.py`; its exit code and what it printed.
-fn python(args: &[&str], input: &str) -> (Option<i32>, String, String) {
+pub fn python(args: &[&str], input: &str) -> (Option<i32>, String, String) {
     let mut child = Command::new("python3")
         .arg(workspace("spec/reader.py"))
         .args(args)

@@ -120,7 +120,8 @@ impl Map {
         self.walk(0, x, y, level)
     }
 
-    fn view(&self, ordinal: u32) -> Option<PageView<'_>> {
+    /// What walks read of a page if it is loaded.
+    pub fn view(&self, ordinal: u32) -> Option<PageView<'_>> {
         let page = self.resident(ordinal)?;
         Some(PageView { words: page.words(), first_child: page.record().first_child.get() })
     }
@@ -150,7 +151,8 @@ impl Map {
     }
 
     /// Answer of root 0 at a place inside texel (x, y): `sub` is the place in 1/256 of the texel from its corner of
-    /// smallest x and y. Where the entry is not proven over its whole square, and in kind `mh`, the texel's own answer.
+    /// smallest x and y. Where the entry is not proven there, and in kind `mh`, the texel's own answer. A proven
+    /// one is right on a ray within 2^-12 texel of the place, but for a few steps of depth (spec/vector.md, Proofs).
     ///
     /// # Errors
     /// As [`texel`](Self::texel).

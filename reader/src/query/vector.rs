@@ -56,8 +56,14 @@ pub fn node_value(page: PageView<'_>, word: u32, x: u32, y: u32) -> u32 {
     value(page.words, &layout, entry, centre(x & mask, 0), centre(y & mask, 0))
 }
 
+/// Whether the entry of a node, `word` = `4 * group + c`, is proven where it answers: continuous lookups that end there
+/// are evaluated at their place, others at the texel's centre.
+pub fn is_proven(page: PageView<'_>, word: u32) -> bool {
+    Layout::of(page.words).proven(page.words, Child::of(page.words, word / 4, word % 4).index)
+}
+
 /// Answer at a place inside texel (x, y), `sub` 1/256 of a texel from its corner: the entry's value there where it is
-/// proven over its whole square, else that of the texel.
+/// proven, else that of the texel.
 pub fn continuous<'a>(
     lookup: impl FnMut(u32) -> Option<PageView<'a>>,
     root: u32,

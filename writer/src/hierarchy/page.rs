@@ -11,7 +11,6 @@ use super::spool::Spool;
 
 /// Most words of an ordinary page (8 KiB); see NOTES.md beside this file.
 pub const PAGE_WORDS: u32 = 2048;
-    std::sync::LazyLock::new(|| std::env::var("PW").ok().and_then(|v| v.parse().ok()).unwrap_or(2048));
 /// Most words of the root page (48 KiB): with the first 16 KiB of the file it makes 64 KiB.
 pub const ROOT_WORDS: u32 = 12288;
 /// Levels below the root node that are complete in the root page.

@@ -443,7 +443,8 @@ pub(crate) struct Polygon {
 }
 
 impl Polygon {
-    fn square(&mut self, p: [i64; 2], size: i64) {
+    /// The square.
+    pub(crate) fn square(&mut self, p: [i64; 2], size: i64) {
         let ([x, y], s) = (p.map(|c| c as f64), size as f64);
         self.points.clear();
         self.points.extend([[x, y], [x + s, y], [x + s, y + s], [x, y + s]]);
@@ -466,7 +467,7 @@ impl Polygon {
     }
 
     /// Keeps what lies in the half-plane or within `margin` of it.
-    fn keep(&mut self, l: &HalfPlane, margin: f64) {
+    pub(crate) fn keep(&mut self, l: &HalfPlane, margin: f64) {
         let (a, b) = (l.a as f64, l.b as f64);
         self.keep_linear(a, b, l.c as f64 + (a.abs() + b.abs()) * margin);
     }
@@ -534,6 +535,11 @@ impl Polygon {
     /// Keeps what has `sx x + sy y + z >= 0`.
     pub(crate) fn keep_plane(&mut self, sx: f64, sy: f64, z: f64) {
         self.keep_linear(sx, sy, z);
+    }
+
+    /// Its corners; none where nothing is left.
+    pub(crate) fn corners(&self) -> &[[f64; 2]] {
+        &self.points
     }
 
     /// Doubled area over two.

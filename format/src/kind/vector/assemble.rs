@@ -25,7 +25,7 @@ pub struct Parts<'a> {
     /// For each node with an entry, by rising group and child, the number of its entry in the palette: constants first,
     /// then planes, splits, masks, raws.
     pub indexes: &'a [u32],
-    /// For each node with an entry whether the entry is proven over its whole square; none leaves the section out.
+    /// For each node with an entry whether the entry is proven where lookups end with it; none leaves the section out.
     pub proofs: Option<&'a [bool]>,
     /// Lines that splits refer to.
     pub lines: &'a [Line],

@@ -252,7 +252,7 @@ impl Layout {
         packed(page, self.indexes_at.into(), self.index_bits.into(), index & 0x1_FFFF)
     }
 
-    /// Whether node `index` is proven over its whole square.
+    /// Whether the entry of node `index` is proven where lookups end with it.
     #[inline]
     pub fn proven(&self, page: &[u32], index: u32) -> bool {
         self.proofs && word(page, u32::from(self.proofs_at).saturating_add(index / 32)) >> (index % 32) & 1 == 1

@@ -44,7 +44,7 @@ pub(in crate::query) struct Tree {
 
 /// Bit of a child: no children; the others say what answers: number of an entry, and [`PROVEN`].
 const LEAF: u32 = 1 << 31;
-/// Bit of what answers: it is proven over its whole square.
+/// Bit of what answers: it is proven where lookups end with it.
 const PROVEN: u32 = 1 << 30;
 /// Most levels that the grid spans.
 const GRID_LEVELS: u8 = 11;

@@ -134,7 +134,7 @@ fn look(mesh: &Mesh, case: &Case, target: &Path, found: &mut Found) -> Result<()
     let snapped = snap(mesh, map.lattice(), case.policy)?;
     let resident = map.preload()?;
     let oracle = Oracle::new(&snapped).with_guard(record.depth_guard.get());
-    let stops = Stops::new(map.structure(), &resident)?;
+    let stops = Stops::new(map.structure(), &|| true)?;
     let side = map.resolution();
     let value = |x, y| resident.value(x, y, 0);
     let bits = snapped.lattice.subtexel_bits;

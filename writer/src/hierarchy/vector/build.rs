@@ -128,7 +128,7 @@ impl Context<'_> {
         }
         if list.is_empty() {
             self.done(at.level);
-            return Some(Part { forest: Forest::default(), node: Node::leaf(OPEN), counts: Counts::default() });
+            return Some(Part { forest: Forest::default(), node: open(), counts: Counts::default() });
         }
         // edge functions of a tile have room for 2^26 steps
         let small = list.len() <= TILE_LIST && at.level + self.scale.subtexel_bits <= 26;
@@ -232,10 +232,10 @@ impl Tile<'_> {
         let list = &self.stack[start..];
         // a cancelled tile is thrown away, so any answer will do
         if is_open(self.rays.locals, list) || self.cx.cancelled() {
-            return Node::leaf(OPEN);
+            return open();
         }
-        if let Some(id) = self.search.square(&mut self.forest.palette, list, p, size, above) {
-            return Node::leaf(id);
+        if let Some((id, proven)) = self.search.square(&mut self.forest.palette, list, p, size, above) {
+            return Node { proven: Some(proven), ..Node::leaf(id) };
         }
         if at.level == BLOCK_LEVEL {
             return self.block(at, start, above);
@@ -321,7 +321,10 @@ impl Tile<'_> {
             self.search.lines.then_some(&lines),
             self.cx.scale,
         ) {
-            Block::One(id) => Node { exact, ..Node::leaf(id) },
+            Block::One(id) => {
+                let proven = self.search.is_right(&self.forest.palette, id, &all, p, 4 * size);
+                Node { exact, proven: Some(proven), ..Node::leaf(id) }
+            }
             Block::Many(ids) => {
                 let mut quarters = [Node::leaf(OPEN); 4];
                 for (c, node) in quarters.iter_mut().enumerate() {
@@ -335,45 +338,58 @@ impl Tile<'_> {
     }
 }
 
+/// A square that nothing covers.
+fn open() -> Node {
+    Node { proven: Some(true), ..Node::leaf(OPEN) }
+}
+
 /// Merges four children: their parent takes over the entry that answers the most of them (Scandolo et al. 2016, section
-/// 3.1, with entries in place of intervals).
+/// 3.1, with entries in place of intervals). A proven entry and the same one unproven are two: proofs are not lost.
 fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interval; 16]], scale: Scale) -> Node {
     let depth = scale.log2_resolution - at.level;
     if depth < COARSE_DEPTH && at.level > 1 && scale.log2_resolution > SMALL_LOG2 {
         children.iter_mut().for_each(|c| lower(c, forest));
     }
     let palette = &forest.palette;
-    let agrees = |entry: EntryId, c: usize| {
+    let agrees = |(entry, proven): (EntryId, bool), c: usize| {
         let (node, at) = (&children[c], at.child(c));
+        if node.proven.is_some_and(|p| p != proven) {
+            return false;
+        }
         node.entry == entry
             || resolve(palette, entry, at) == node.entry
-            || exact
-                .get(node.exact as usize)
-                .is_some_and(|intervals| texels::answers(palette, entry, intervals, at.origin, scale))
+            || (!proven
+                && exact
+                    .get(node.exact as usize)
+                    .is_some_and(|intervals| texels::answers(palette, entry, intervals, at.origin, scale)))
     };
-    let mut best = (0u32, children[0].entry, 0u8);
+    let kept = |key: (EntryId, bool)| (0..4).filter(|c| agrees(key, *c)).fold(0u8, |w, c| w | 1 << c);
+    let keys = [0, 1, 2, 3].map(|c: usize| (children[c].entry, children[c].proven.unwrap_or(true)));
+    let mut best = (0u32, keys[0], 0u8);
     for i in 0..4 {
-        let entry = children[i].entry;
-        if children[..i].iter().any(|c| c.entry == entry) {
+        let key = keys[i];
+        if keys[..i].contains(&key) {
             continue;
         }
         // masks are of their own block
-        let own = matches!(palette.get(entry), Entry::Mask { .. });
-        let which = (0..4).filter(|c| agrees(entry, *c)).fold(0u8, |w, c| w | 1 << c);
+        let own = matches!(palette.get(key.0), Entry::Mask { .. });
+        let which = kept(key);
         let count = 2 * which.count_ones() - u32::from(own);
         if count > best.0 {
-            best = (count, entry, which);
+            best = (count, key, which);
         }
     }
-    let (_, mut entry, mut which) = best;
+    let (_, (mut entry, mut proven), mut which) = best;
     let share = shares(children);
     if at.level >= AREA_LEVEL || (depth <= COARSE_DEPTH && !palette.is_simple(entry)) {
         // the most area, not the most children: few nodes, which coarse lookups see
         let first = share.iter().map(|s| s.0).find(|e| palette.is_simple(*e));
         entry = first.unwrap_or_else(|| palette.simplified(share[0].0));
-        which = (0..4).filter(|c| agrees(entry, *c)).fold(0u8, |w, c| w | 1 << c);
+        let both = [true, false].map(|p| kept((entry, p)));
+        proven = both[0].count_ones() >= both[1].count_ones();
+        which = both[usize::from(!proven)];
     }
-    let mut group = Group { mask: Mask(0), entry: [OPEN; 4], below: [NONE; 4] };
+    let mut group = Group { mask: Mask(0), entry: [OPEN; 4], below: [NONE; 4], proven: 0 };
     let mut types = [NodeType::None; 4];
     let mut cost = 0;
     for (c, node) in children.iter().enumerate() {
@@ -386,15 +402,18 @@ fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interv
         };
         group.entry[c] = node.entry;
         group.below[c] = node.below;
+        group.proven |= u8::from(node.proven == Some(true)) << c;
         cost += node.cost + if inherits { 0 } else { forest.price(node.entry) };
     }
     group.mask = Mask::new(types);
+    let known = (0..4).any(|c| which >> c & 1 == 1 && children[c].proven.is_some());
+    let proven = known.then_some(proven);
     if group.mask.0 == 0 {
-        return Node { share, ..Node::leaf(entry) };
+        return Node { share, proven, ..Node::leaf(entry) };
     }
     let below = forest.groups.len() as u32;
     forest.groups.push(group);
-    Node { entry, below, cost: cost + super::page::GROUP_COST, share, exact: u32::MAX }
+    Node { entry, below, cost: cost + super::page::GROUP_COST, share, exact: u32::MAX, proven }
 }
 
 /// Puts a leaf's split or mask one level down: the root page, which holds all nodes near the root, may hold more entries
@@ -405,8 +424,10 @@ fn lower(node: &mut Node, forest: &mut Forest) {
     }
     let below = forest.groups.len() as u32;
     let cost = super::page::GROUP_COST + 4 * forest.price(node.entry);
-    forest.groups.push(Group { mask: Mask::new([NodeType::Leaf; 4]), entry: [node.entry; 4], below: [NONE; 4] });
-    *node = Node { entry: forest.palette.simplified(node.entry), below, cost, ..*node };
+    let proven = if node.proven == Some(true) { 15 } else { 0 };
+    let (mask, entry) = (Mask::new([NodeType::Leaf; 4]), [node.entry; 4]);
+    forest.groups.push(Group { mask, entry, below: [NONE; 4], proven });
+    *node = Node { entry: forest.palette.simplified(node.entry), below, cost, proven: None, ..*node };
 }
 
 /// Entries by their share of the four children's area, the largest first.

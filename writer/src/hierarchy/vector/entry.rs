@@ -9,6 +9,7 @@ use std::collections::BTreeSet;
 
 use umbrage_format::projection::UNCOVERED;
 
+use crate::interval::proof::HalfPlane;
 use crate::interval::triangle::Surface;
 
 /// Number of an entry in a [`Palette`].
@@ -177,6 +178,23 @@ impl Line {
         let (u, t) = if self.axis { (place[1], place[0]) } else { (place[0], place[1]) };
         let d = (t << 12) - self.boundary(u);
         (d.abs() >= 4).then_some(d >= 0)
+    }
+
+    /// Most that any page's line may lie off the exact border of a half-plane in the tile-relative square, across the
+    /// line's axis; lattice steps. `corner` is the tile's.
+    pub fn off(&self, half: &HalfPlane, corner: [i64; 2], p: [i64; 2], size: i64, scale: Scale) -> f64 {
+        let (u, t) = if self.axis { (1, 0) } else { (0, 1) };
+        let bits = scale.subtexel_bits;
+        let unit = 2f64.powi(i32::from(bits) - 20);
+        let (across, along) = if self.axis { (half.a, half.b) } else { (half.b, half.a) };
+        // both are straight, so that the ends say all
+        let ends = [p[u], p[u] + size].map(|at| {
+            let place = (corner[u] + at) >> bits << 8;
+            let stored = (self.boundary(place) - (corner[t] >> bits << 20)) as f64 * unit;
+            (along as f64 * at as f64 + across as f64 * stored + half.c as f64).abs() / across.abs() as f64
+        });
+        // this boundary, a page's intercept and a page's product each round down by less than one
+        ends[0].max(ends[1]) + 4.0 * unit
     }
 
     /// Intercept of the boundary at U, in 1/256 texel of the map: T in 2^-20 texel.

@@ -1,7 +1,8 @@
 //! Kind `vector`: a quadtree whose leaves are planes and silhouettes (spec/vector.md).
 //!
 //! Read in this order: [`entry`] (what a node may hold, in map coordinates), [`search`] (one entry for a whole square,
-//! proven), [`texels`] (blocks of 4 x 4 texels looked at one by one), [`build`] (the recursion), [`page`] (cutting into pages).
+//! proven; its `continuous`: what that says between texel
+//! centres), [`texels`] (blocks of 4 x 4 texels looked at one by one), [`build`] (the recursion), [`page`] (cutting into pages).
 
 pub mod build;
 pub mod entry;

@@ -30,6 +30,8 @@ pub struct Group {
     pub entry: [EntryId; 4],
     /// Groups below inner and empty children, or [`CUT`] and a page.
     pub below: [u32; 4],
+    /// Bit c: child c's own entry is proven.
+    pub proven: u8,
 }
 
 /// A node whose entry is still open: its parent may take it over.
@@ -45,17 +47,19 @@ pub struct Node {
     pub share: [(EntryId, f32); SHARES],
     /// Number of its exact intervals in the tile, or `u32::MAX`.
     pub exact: u32,
+    /// Whether the entry is proven between texel centres, where it is not another one's place; nothing where it is nowhere.
+    pub proven: Option<bool>,
 }
 
 /// Entries whose share of a node's area is kept.
 pub const SHARES: usize = 4;
 
 impl Node {
-    /// A square that one entry answers.
+    /// A square that one entry answers, unproven between texel centres.
     pub fn leaf(entry: EntryId) -> Node {
         let mut share = [(entry, 0.0); SHARES];
         share[0].1 = 1.0;
-        Node { entry, below: NONE, cost: 0, share, exact: u32::MAX }
+        Node { entry, below: NONE, cost: 0, share, exact: u32::MAX, proven: Some(false) }
     }
 }
 
@@ -108,6 +112,7 @@ impl Forest {
             mask: g.mask,
             entry: g.entry.map(|e| map[e as usize]),
             below: g.below.map(shift),
+            proven: g.proven,
         }));
         let at = |e: EntryId| map[e as usize];
         Node { entry: at(node.entry), below: shift(node.below), share: node.share.map(|(e, s)| (at(e), s)), ..node }
@@ -147,7 +152,8 @@ impl Forest {
         let kind = if root.below == NONE { NodeType::Leaf } else { NodeType::Inner };
         let mask = Mask::new([kind, NodeType::None, NodeType::None, NodeType::None]);
         let entry = [root.entry, root.entry, root.entry, root.entry];
-        self.groups.push(Group { mask, entry, below: [root.below, NONE, NONE, NONE] });
+        let proven = u8::from(root.proven == Some(true));
+        self.groups.push(Group { mask, entry, below: [root.below, NONE, NONE, NONE], proven });
         let top = self.groups.len() as u32 - 1;
         let at = At { level: scale.log2_resolution + 1, origin: [0, 0] };
         loop {
@@ -229,6 +235,7 @@ fn keep(groups: &[Group], below: u32, kept: &mut Vec<Group>) -> u32 {
 /// A node with an entry of its own.
 struct Own {
     entry: EntryId,
+    proven: bool,
     level: u8,
     x: u32,
     y: u32,
@@ -271,7 +278,7 @@ impl<'a> Sheet<'a> {
         while let Some((group, level, x, y, above)) = queue.pop_front() {
             if group & CUT != 0 {
                 sheet.masks.push(0);
-                sheet.refs.push((group & !CUT, above, Own { entry: 0, level: level + 1, x, y }));
+                sheet.refs.push((group & !CUT, above, Own { entry: 0, proven: false, level: level + 1, x, y }));
                 continue;
             }
             let g = &forest.groups[group as usize];
@@ -288,7 +295,7 @@ impl<'a> Sheet<'a> {
                     NodeType::Empty => sheet.nodes[2] += 1,
                 }
                 if kind.has_value() {
-                    sheet.own.push(Own { entry: g.entry[i], level, x, y });
+                    sheet.own.push(Own { entry: g.entry[i], proven: g.proven >> i & 1 == 1, level, x, y });
                 }
                 if kind.has_children() {
                     let entry = if kind.has_value() { Some(g.entry[i]) } else { above };
@@ -347,12 +354,18 @@ impl<'a> Sheet<'a> {
             + 5 * (self.masks.len() as u32).div_ceil(16)
             + (self.refs.len() as u32).div_ceil(2)
             + (self.own.len() as u32 * bits).div_ceil(32)
+            + if self.is_proven() { (self.own.len() as u32).div_ceil(32) } else { 0 }
             + 3 * self.lines.len() as u32
             + constants
             + 3 * planes
             + splits
             + 2 * masks;
         if self.fits() { words * 16 } else { (words * 16).max(ROOT_WORDS * 16 + 16) }
+    }
+
+    /// Whether the page says of some node that its entry is proven.
+    fn is_proven(&self) -> bool {
+        self.own.iter().any(|o| o.proven)
     }
 
     /// Whether every number has room in its field.
@@ -387,11 +400,12 @@ impl<'a> Sheet<'a> {
         }
         let lines: Vec<vector::Line> = self.lines.iter().map(|l| line(self.palette.lines[*l as usize])).collect();
         let indexes: Vec<u32> = self.own.iter().map(|o| self.number[&o.entry]).collect();
+        let proofs: Vec<bool> = self.own.iter().map(|o| o.proven).collect();
         let words = assemble(&Parts {
             root_level: self.root_level,
             groups: &self.masks,
             indexes: &indexes,
-            proofs: None,
+            proofs: self.is_proven().then_some(&proofs),
             lines: &lines,
             constants: &constants,
             planes: &planes,

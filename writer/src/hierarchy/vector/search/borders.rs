@@ -1,0 +1,152 @@
+//! Texels that cells of a cut square share.
+
+use super::{Cell, Cut, DOUBTS, Search};
+use crate::hierarchy::vector::entry::{Entry, EntryId, Palette};
+use crate::hierarchy::vector::segment::{border, clip_to_surface};
+use crate::hierarchy::vector::texels::allows;
+use crate::interval::proof::{HalfPlane, Region};
+use crate::interval::texel::texel;
+use crate::interval::triangle::{Cover, Local};
+use crate::interval::{Event, wide};
+
+impl Search<'_> {
+    /// Whether all cells fit together, and every centre is told to be in the right one.
+    pub(super) fn sound(&mut self, palette: &Palette, id: EntryId, list: &[u32], p: [i64; 2], size: i64) -> bool {
+        self.doubtful.clear();
+        let most = DOUBTS * (size >> self.scale.subtexel_bits) as usize + 8;
+        for i in 0..self.cells.len() {
+            for j in i + 1..self.cells.len() {
+                // a tip's plane is right for texels that lie inside its cell, and for centres of edge texels
+                let (a, b) = (&self.cells[i], &self.cells[j]);
+                let same = a.entry == b.entry && a.tip.is_none() && b.tip.is_none();
+                if !same && !self.apart(i, j, p, size) {
+                    self.shared(i, j, p, size);
+                    if self.doubtful.len() > most {
+                        return false;
+                    }
+                }
+            }
+        }
+        let mut edges = 0;
+        for n in 0..self.cuts.len() {
+            match self.told(n, p, size) {
+                Some(texels) => edges += texels,
+                None => return false,
+            }
+        }
+        let mut doubtful = std::mem::take(&mut self.doubtful);
+        doubtful.sort_unstable();
+        doubtful.dedup();
+        let right = doubtful.iter().all(|t| self.keeps(palette, id, list, *t));
+        self.doubtful = doubtful;
+        self.edge_texels += edges;
+        right
+    }
+
+    /// Puts the texels that both cells may share on the list of those that are looked at one by one.
+    fn shared(&mut self, i: usize, j: usize, p: [i64; 2], size: i64) {
+        let (a, b) = (&self.cells[i], &self.cells[j]);
+        let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return };
+        let cut = a.path[at].0;
+        let Cut { line, .. } = self.cuts[cut];
+        let mut lines = self.half_planes(&a.path);
+        lines.extend(self.half_planes(&b.path));
+        let (u, t) = if line.axis { (1, 0) } else { (0, 1) };
+        let bits = self.scale.subtexel_bits;
+        let texel = 1i64 << bits;
+        let corner = self.rays.corner.map(|c| c >> bits);
+        let (first, count) = (p.map(|v| v >> bits), size >> bits);
+        for n in first[u]..first[u] + count {
+            let place = (corner[u] + n) * 256;
+            let ends = [place, place + 256].map(|u| line.boundary(u) - (corner[t] << 20));
+            let (low, high) = (ends[0].min(ends[1]) - 8, ends[0].max(ends[1]) + 8);
+            for m in (low >> 20).max(first[t])..=(high >> 20).min(first[t] + count - 1) {
+                let mut q = [0; 2];
+                (q[u], q[t]) = (n * texel, m * texel);
+                let out = |l: &HalfPlane| l.at(q) + (l.a.max(0) + l.b.max(0)) * texel <= 0;
+                if !lines.iter().any(out) {
+                    self.doubtful.push(q);
+                }
+            }
+        }
+    }
+
+    /// Whether what is stored for the texel at `q` lies in its exact interval.
+    fn keeps(&mut self, palette: &Palette, mut id: EntryId, list: &[u32], q: [i64; 2]) -> bool {
+        let bits = self.scale.subtexel_bits;
+        let size = 1i64 << bits;
+        self.near.clear();
+        self.near.extend(
+            list.iter().copied().filter(|i| self.rays.locals[*i as usize].cover(q[0], q[1], size) != Cover::None),
+        );
+        let [x, y] = [0, 1].map(|i| ((q[i] + self.rays.corner[i]) >> bits) as u32);
+        while let Entry::Split { line, near, beyond } = palette.get(id) {
+            match palette.lines[line as usize].tells([x, y].map(|v| i64::from(v) * 256 + 128)) {
+                Some(b) => id = if b { beyond } else { near },
+                None => return false,
+            }
+        }
+        self.looked += 1;
+        let truth = texel(&self.rays, &self.near, q, size, wide(self.guard), &mut self.scratch);
+        allows(palette.get(id), truth.interval.guarded(self.guard), [x, y], 0, self.scale)
+    }
+
+    /// Whether every texel that both cells share has an empty area interval, or is shared with a border of no length.
+    fn apart(&mut self, i: usize, j: usize, p: [i64; 2], size: i64) -> bool {
+        let (a, b) = (&self.cells[i], &self.cells[j]);
+        let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return false };
+        let (cut, _) = a.path[at];
+        let mut lines = Vec::new();
+        for cell in [a, b] {
+            let others: Vec<(usize, bool)> = cell.path.iter().copied().filter(|x| x.0 != cut).collect();
+            lines.extend(self.half_planes(&others));
+        }
+        let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
+        let Some(border) = border(&self.cuts[cut].inside, &region) else { return true };
+        let ends_before = |tip: &Cell, other: &Cell| {
+            let Some(t) = tip.tip else { return false };
+            let e = &self.rays.locals[t.end as usize];
+            let f = &self.rays.locals[t.front as usize];
+            let apart = |q: &[f64; 2]| (e.z0 - f.z0) + (e.sx - f.sx) * q[0] + (e.sy - f.sy) * q[1];
+            // further away the stretch may go on behind the end
+            if border.iter().any(|q| apart(q) > t.far) {
+                return false;
+            }
+            let mates = self.edges[e.index as usize].across;
+            let ends = tip.list.iter().map(|n| &self.rays.locals[*n as usize]).filter(|l| mates.contains(&l.index));
+            let ends: Vec<&Local> = ends.chain([e]).collect();
+            other.list.iter().all(|n| {
+                ends.iter().all(|e| {
+                    let l = &self.rays.locals[*n as usize];
+                    if l.event == Event::Wall || l.zmin > e.zmax {
+                        return true;
+                    }
+                    let Some(part) = clip_to_surface(border, l) else { return true };
+                    let slack = 2.0 * (l.eps + e.eps) + 0.01 + ((l.sx - e.sx).abs() + (l.sy - e.sy).abs()) * 0.01;
+                    part.iter().all(|q| {
+                        let d = (l.z0 - e.z0) + (l.sx - e.sx) * q[0] + (l.sy - e.sy) * q[1];
+                        d >= slack
+                    })
+                })
+            })
+        };
+        ends_before(a, b) || ends_before(b, a) || self.meets(i, j, cut, p, size)
+    }
+
+    /// Whether each of two cells' entries is right in the other cell, too, as far as a texel on their border reaches.
+    fn meets(&mut self, i: usize, j: usize, cut: usize, p: [i64; 2], size: i64) -> bool {
+        let HalfPlane { a, b, c } = self.cuts[cut].inside;
+        let far = (a.abs() + b.abs()) << self.scale.subtexel_bits;
+        [(i, j), (j, i)].into_iter().all(|(own, other)| {
+            let cell = &self.cells[own];
+            let inside = cell.path.contains(&(cut, true));
+            let strip = if inside { HalfPlane { a: -a, b: -b, c: far - c } } else { HalfPlane { a, b, c: c + far } };
+            let mut lines = self.half_planes(&cell.path);
+            lines.push(strip);
+            let list: Vec<u32> = cell.list.iter().copied().filter(|n| self.reaches(*n, strip)).collect();
+            let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
+            let entry = self.cells[other].value;
+            self.holds(entry, &list, region, false)
+        })
+    }
+}

@@ -1,0 +1,147 @@
+//! Edges along which a square is cut, and the lines that are stored for them.
+
+use super::{BEND, Cut, MOST_CREASES, Search};
+use crate::hierarchy::vector::entry::Line;
+use crate::hierarchy::vector::segment::clip_segment;
+use crate::interval::Event;
+use crate::interval::proof::{HalfPlane, Region};
+
+impl Search<'_> {
+    /// Silhouette edges through the region, the one nearest to the light first.
+    pub(super) fn candidates(
+        &mut self,
+        list: &[u32],
+        region: Region<'_>,
+        most: usize,
+        path: &[(usize, bool)],
+    ) -> Vec<Cut> {
+        let mut found: Vec<(f64, Cut)> = Vec::new();
+        for &i in list {
+            let l = &self.rays.locals[i as usize];
+            let edges = self.edges[l.index as usize].silhouettes;
+            if edges == 0 || l.event != Event::Enter {
+                continue;
+            }
+            for k in 0..3 {
+                if edges >> k & 1 == 0 || (l.a[k] == 0 && l.b[k] == 0) {
+                    continue;
+                }
+                let Some(cut) = self.cut(i, k, &region) else { continue };
+                let line = cut.1.line;
+                if found.iter().any(|f| f.1.line == line) || path.iter().any(|c| self.cuts[c.0].line == line) {
+                    continue;
+                }
+                found.push(cut);
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found.truncate(most);
+        found.into_iter().map(|f| f.1).collect()
+    }
+
+    /// Edge `k` of a surface where it runs through the region, and its depth there.
+    pub(super) fn cut(&self, i: u32, k: usize, region: &Region<'_>) -> Option<(f64, Cut)> {
+        let l = &self.rays.locals[i as usize];
+        let inside = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
+        let s = &self.rays.surfaces[l.index as usize];
+        let corner =
+            |j: usize| [0, 1].map(|a| i64::from(if a == 0 { s.x[j % 3] } else { s.y[j % 3] }) - self.rays.corner[a]);
+        let ends = [corner(k), corner(k + 1)];
+        let part = clip_segment(ends.map(|e| e.map(|v| v as f64)), region)?;
+        let middle = [0, 1].map(|a| (part[0][a] + part[1][a]) / 2.0);
+        let z = l.z0 + l.sx * middle[0] + l.sy * middle[1];
+        let absolute = ends.map(|e| [e[0] + self.rays.corner[0], e[1] + self.rays.corner[1]]);
+        // the same whichever triangle it comes from
+        let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
+        let line = Line::through(a, b, self.scale)?;
+        let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
+        Some((z, Cut { inside, line, beyond }))
+    }
+
+    /// Edges between two faces of the front, or of the end behind it, through the region.
+    pub(super) fn creases(&mut self, list: &[u32], region: Region<'_>, path: &[(usize, bool)]) -> Vec<Cut> {
+        let Some(sample) = self.prover.sample(&region) else { return Vec::new() };
+        let Some(front) = self.front(list, sample) else { return Vec::new() };
+        let mut found: Vec<Cut> = Vec::new();
+        // their faces may consist of several triangles
+        let mut faces: Vec<u32> = [Some(front), self.end(list, sample, front)].into_iter().flatten().collect();
+        let mut n = 0;
+        while n < faces.len() && found.len() < MOST_CREASES {
+            let i = faces[n];
+            let l = &self.rays.locals[i as usize];
+            n += 1;
+            for (k, mate) in self.edges[l.index as usize].across.into_iter().enumerate() {
+                if l.a[k] == 0 && l.b[k] == 0 {
+                    continue;
+                }
+                let Some(&other) = list.iter().find(|n| self.local(**n).index == mate) else { continue };
+                let m = self.local(other);
+                let bend = (m.sx - l.sx).abs() + (m.sy - l.sy).abs();
+                if bend < (m.sx.abs() + m.sy.abs() + l.sx.abs() + l.sy.abs()) * BEND {
+                    if faces.len() < 6 && !faces.contains(&other) {
+                        faces.push(other);
+                    }
+                    continue;
+                }
+                let Some((_, cut)) = self.cut(i, k, &region) else { continue };
+                if !found.iter().any(|f| f.line == cut.line) && !path.iter().any(|c| self.cuts[c.0].line == cut.line) {
+                    found.push(cut);
+                }
+            }
+        }
+        found.truncate(MOST_CREASES);
+        found
+    }
+
+    /// Whether the stored line tells the side of every texel centre of the square as the exact one does, with room for
+    /// the rounding of pages; the number of texels that it crosses.
+    pub(super) fn told(&self, cut: usize, p: [i64; 2], size: i64) -> Option<u64> {
+        let Cut { inside, line, beyond } = self.cuts[cut];
+        let (u, t) = if line.axis { (1, 0) } else { (0, 1) };
+        let bits = self.scale.subtexel_bits;
+        let texel = 1i64 << bits;
+        let corner = self.rays.corner.map(|c| c >> bits);
+        let (first, count) = (p.map(|v| v >> bits), size >> bits);
+        let mut crossed = 0;
+        for n in first[u]..first[u] + count {
+            let place = (corner[u] + n) * 256;
+            let boundary = line.boundary(place + 128) - (corner[t] << 20);
+            // the first centre at or beyond the boundary: T = 2^20 t + 2^19
+            let at = (boundary - (1 << 19) + (1 << 20) - 1) >> 20;
+            let edge = (line.boundary(place) - (corner[t] << 20)) >> 20;
+            let next = (line.boundary(place + 256) - (corner[t] << 20)) >> 20;
+            let (low, high) = (edge.min(next).max(first[t]), edge.max(next).min(first[t] + count - 1));
+            crossed += (high - low + 1).max(0) as u64;
+            for (c, is_beyond) in [(at, true), (at - 1, false)] {
+                if c < first[t] || c >= first[t] + count {
+                    continue;
+                }
+                let room = ((c << 20) + (1 << 19) - boundary).abs();
+                let mut q = [0; 2];
+                q[u] = n * texel + texel / 2;
+                q[t] = c * texel + texel / 2;
+                let side = inside.at(q);
+                if room < 4 || side == 0 || (side > 0) != (is_beyond == beyond) {
+                    return None;
+                }
+            }
+            // nothing of the line in this column: the side of any centre must still be right
+            if at < first[t] || at > first[t] + count {
+                let c = if at < first[t] { first[t] } else { first[t] + count - 1 };
+                let mut q = [0; 2];
+                q[u] = n * texel + texel / 2;
+                q[t] = c * texel + texel / 2;
+                let side = inside.at(q);
+                if side == 0 || (side > 0) != ((c >= at) == beyond) {
+                    return None;
+                }
+            }
+        }
+        Some(crossed)
+    }
+
+    /// Silhouette edges through the square.
+    pub fn silhouettes(&mut self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
+        self.candidates(list, Region::square(p, size), most, &[]).into_iter().map(|c| c.line).collect()
+    }
+}
