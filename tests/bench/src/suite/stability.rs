@@ -111,7 +111,7 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
 
 /// What must be refused, and the message.
 fn refusals(report: &mut Report, folder: &Folder) {
-    let mut table = Table::new("refused", &["input", "message"]);
+    let mut table = Table::new("refused", &["input: message"]);
     let (mut right, all) = (0, refused());
     for r in &all {
         let said = KINDS.map(|kind| match r.bake(kind, &folder.file()) {
@@ -120,7 +120,7 @@ fn refusals(report: &mut Report, folder: &Folder) {
         });
         right += usize::from(said.iter().all(|s| s.contains(r.words)));
         report.rows.push(json!({ "refused": r.name, "message": said[1], "expected": r.words }));
-        table.push([r.name.to_string(), said[1].clone()]);
+        table.push([format!("{}: {}", r.name, said[1])]);
     }
     report.tables.push(table);
     report.goal(right == all.len(), "what no lattice holds is refused", format!("{right} of {}", all.len()));
