@@ -50,6 +50,8 @@ pub const BLOCK_LEVEL: u8 = 2;
 const PRICES: [u32; 5] = [4, 4, 4, 6, 12];
 /// Texels on borders of cells that are looked at one by one, for each texel of the square's side.
 const DOUBTS: usize = 4;
+/// Texels of a tip that are looked at one by one because rounding may matter.
+const MOST_CLOSE: usize = 32;
 /// Difference of two faces' slopes, as a share of them, from which on the edge between them counts.
 const BEND: f64 = 0.05;
 /// Texels that are looked at one by one, for each texel of the square's side.
@@ -126,7 +128,10 @@ pub struct Search<'a> {
     inner: Vec<[i64; 2]>,
     /// Texels that are looked at one by one.
     doubtful: Vec<[i64; 2]>,
+    close: Vec<[i64; 2]>,
     near: Vec<u32>,
+    /// The square's surfaces.
+    list: Vec<u32>,
     scratch: Scratch,
 }
 
@@ -151,7 +156,9 @@ impl<'a> Search<'a> {
             places: Vec::new(),
             inner: Vec::new(),
             doubtful: Vec::new(),
+            close: Vec::new(),
             near: Vec::new(),
+            list: Vec::new(),
             scratch: Scratch::default(),
         }
     }
@@ -180,13 +187,15 @@ impl<'a> Search<'a> {
             palette.simple(id, &mut self.simple);
         }
         self.simple.truncate(6);
+        self.list.clear();
+        self.list.extend_from_slice(list);
         let mark = palette.mark();
         let id = self.cell(palette, list, p, size, &mut Vec::new());
         let level = (size >> self.scale.subtexel_bits).trailing_zeros() as usize;
         let id = id.filter(|id| {
             self.cells.len() == 1
                 || (palette.price(*id, mark) <= PRICES.get(level).copied().unwrap_or(u32::MAX)
-                    && self.sound(palette, *id, list, p, size))
+                    && self.sound(palette, *id, p, size))
         });
         let Some(id) = id else {
             palette.back(mark);

@@ -11,7 +11,7 @@ use crate::interval::{Event, wide};
 
 impl Search<'_> {
     /// Whether all cells fit together, and every centre is told to be in the right one.
-    pub(super) fn sound(&mut self, palette: &Palette, id: EntryId, list: &[u32], p: [i64; 2], size: i64) -> bool {
+    pub(super) fn sound(&mut self, palette: &Palette, id: EntryId, p: [i64; 2], size: i64) -> bool {
         self.doubtful.clear();
         let most = DOUBTS * (size >> self.scale.subtexel_bits) as usize + 8;
         for i in 0..self.cells.len() {
@@ -37,7 +37,7 @@ impl Search<'_> {
         let mut doubtful = std::mem::take(&mut self.doubtful);
         doubtful.sort_unstable();
         doubtful.dedup();
-        let right = doubtful.iter().all(|t| self.keeps(palette, id, list, *t));
+        let right = doubtful.iter().all(|q| self.stored(palette, id, *q).is_some_and(|entry| self.keeps(entry, *q)));
         self.doubtful = doubtful;
         self.edge_texels += edges;
         right
@@ -71,24 +71,29 @@ impl Search<'_> {
         }
     }
 
-    /// Whether what is stored for the texel at `q` lies in its exact interval.
-    fn keeps(&mut self, palette: &Palette, mut id: EntryId, list: &[u32], q: [i64; 2]) -> bool {
-        let bits = self.scale.subtexel_bits;
-        let size = 1i64 << bits;
-        self.near.clear();
-        self.near.extend(
-            list.iter().copied().filter(|i| self.rays.locals[*i as usize].cover(q[0], q[1], size) != Cover::None),
-        );
-        let [x, y] = [0, 1].map(|i| ((q[i] + self.rays.corner[i]) >> bits) as u32);
+    /// Constant or plane that is stored for the texel at `q`; none where pages may tell its side of a line apart.
+    fn stored(&self, palette: &Palette, mut id: EntryId, q: [i64; 2]) -> Option<Entry> {
+        let texel = self.texel_at(q);
         while let Entry::Split { line, near, beyond } = palette.get(id) {
-            match palette.lines[line as usize].tells([x, y].map(|v| i64::from(v) * 256 + 128)) {
-                Some(b) => id = if b { beyond } else { near },
-                None => return false,
-            }
+            let tells = palette.lines[line as usize].tells(texel.map(|v| i64::from(v) * 256 + 128))?;
+            id = if tells { beyond } else { near };
         }
+        Some(palette.get(id))
+    }
+
+    fn texel_at(&self, q: [i64; 2]) -> [u32; 2] {
+        [0, 1].map(|i| ((q[i] + self.rays.corner[i]) >> self.scale.subtexel_bits) as u32)
+    }
+
+    /// Whether a constant or plane lies in the exact interval of the texel at `q` of the square.
+    pub(super) fn keeps(&mut self, entry: Entry, q: [i64; 2]) -> bool {
+        let size = 1i64 << self.scale.subtexel_bits;
+        self.near.clear();
+        let over = |i: &&u32| self.rays.locals[**i as usize].cover(q[0], q[1], size) != Cover::None;
+        self.near.extend(self.list.iter().filter(over));
         self.looked += 1;
         let truth = texel(&self.rays, &self.near, q, size, wide(self.guard), &mut self.scratch);
-        allows(palette.get(id), truth.interval.guarded(self.guard), [x, y], 0, self.scale)
+        allows(entry, truth.interval.guarded(self.guard), self.texel_at(q), 0, self.scale)
     }
 
     /// Whether every texel that both cells share has an empty area interval, or is shared with a border of no length.

@@ -1,6 +1,6 @@
 //! Cells at silhouettes, where the front of a stretch and its end meet.
 
-use super::{MOST_TIPS, Search, Tip};
+use super::{MOST_CLOSE, MOST_TIPS, Search, Tip};
 use crate::hierarchy::vector::entry::Entry;
 use crate::interval::Event;
 use crate::interval::proof::{HalfPlane, Region};
@@ -103,7 +103,8 @@ impl Search<'_> {
     }
 
     /// Whether the tip's plane is right where front and end are close: for every texel inside the region, and for the
-    /// centres of those that are not inside, or have an empty interval.
+    /// centres of those that are not inside, or have an empty interval. Some for which rounding may matter are looked at one
+    /// by one.
     pub(super) fn tip_fits(&mut self, region: Region<'_>, tip: Tip, bend: f64) -> Option<u64> {
         let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
         let half = self.scale.half();
@@ -116,6 +117,7 @@ impl Search<'_> {
 
         let far = self.far(tip, bend);
         let (dz, dx, dy) = (e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy);
+        self.close.clear();
         let polygon = &mut self.polygon;
         polygon.region(&region);
         polygon.keep_plane(-dx, -dy, far - dz);
@@ -152,14 +154,21 @@ impl Search<'_> {
                     edges += u64::from(region.lines.iter().all(whole));
                     (front, end, end - front)
                 } else {
-                    return None;
+                    self.close.push(c);
+                    continue;
                 };
                 let guard = if width >= 4.0 * guard - 2.0 { guard } else { 0.0 };
                 if p - 2.0 - eps < low + guard || p + eps > high - guard {
-                    return None;
+                    self.close.push(c);
                 }
             }
+            if self.close.len() > MOST_CLOSE {
+                return None;
+            }
         }
-        Some(edges)
+        let close = std::mem::take(&mut self.close);
+        let right = close.iter().all(|c| self.keeps(Entry::Plane(tip.plane), c.map(|v| v - texel / 2)));
+        self.close = close;
+        right.then_some(edges)
     }
 }
