@@ -20,7 +20,8 @@ impl Search<'_> {
                 let (a, b) = (&self.cells[i], &self.cells[j]);
                 let same = a.entry == b.entry && a.tip.is_none() && b.tip.is_none();
                 if !same && !self.apart(i, j, p, size) {
-                    self.shared(i, j, p, size);
+                    let far = self.meet_far(i, j, p, size);
+                    self.shared(i, j, p, size, far.as_deref());
                     if self.doubtful.len() > most {
                         return false;
                     }
@@ -43,8 +44,26 @@ impl Search<'_> {
         right
     }
 
-    /// Puts the texels that both cells may share on the list of those that are looked at one by one.
-    fn shared(&mut self, i: usize, j: usize, p: [i64; 2], size: i64) {
+    /// Half-planes in which each of two cells' entries is right in the other cell, too, as far as a texel on their border
+    /// reaches: the far parts of tips; nothing where it is not.
+    fn meet_far(&mut self, i: usize, j: usize, p: [i64; 2], size: i64) -> Option<Vec<HalfPlane>> {
+        let tips: Vec<_> = [i, j].into_iter().filter_map(|n| self.cells[n].tip).collect();
+        // without tips it has been tried
+        if tips.is_empty() {
+            return None;
+        }
+        let square = Region::square(p, size);
+        let far: Option<Vec<HalfPlane>> = tips.into_iter().map(|t| self.far_side(&square, t, t.bend)).collect();
+        let far = far?;
+        let (a, b) = (&self.cells[i], &self.cells[j]);
+        let at = a.path.iter().zip(&b.path).position(|(x, y)| x != y)?;
+        let cut = a.path[at].0;
+        self.meets(i, j, cut, &far, p, size).then_some(far)
+    }
+
+    /// Puts the texels that both cells may share on the list of those that are looked at one by one, but for those that lie
+    /// in all `far` half-planes.
+    fn shared(&mut self, i: usize, j: usize, p: [i64; 2], size: i64, far: Option<&[HalfPlane]>) {
         let (a, b) = (&self.cells[i], &self.cells[j]);
         let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return };
         let cut = a.path[at].0;
@@ -64,7 +83,8 @@ impl Search<'_> {
                 let mut q = [0; 2];
                 (q[u], q[t]) = (n * texel, m * texel);
                 let out = |l: &HalfPlane| l.at(q) + (l.a.max(0) + l.b.max(0)) * texel <= 0;
-                if !lines.iter().any(out) {
+                let inside = |l: &HalfPlane| l.at(q) + (l.a.min(0) + l.b.min(0)) * texel >= 0;
+                if !lines.iter().any(out) && !far.is_some_and(|far| far.iter().all(inside)) {
                     self.doubtful.push(q);
                 }
             }
@@ -135,11 +155,12 @@ impl Search<'_> {
                 })
             })
         };
-        ends_before(a, b) || ends_before(b, a) || self.meets(i, j, cut, p, size)
+        ends_before(a, b) || ends_before(b, a) || self.meets(i, j, cut, &[], p, size)
     }
 
-    /// Whether each of two cells' entries is right in the other cell, too, as far as a texel on their border reaches.
-    fn meets(&mut self, i: usize, j: usize, cut: usize, p: [i64; 2], size: i64) -> bool {
+    /// Whether each of two cells' entries is right in the other cell, too, as far as a texel on their border reaches, within
+    /// some half-planes.
+    fn meets(&mut self, i: usize, j: usize, cut: usize, within: &[HalfPlane], p: [i64; 2], size: i64) -> bool {
         let HalfPlane { a, b, c } = self.cuts[cut].inside;
         let far = (a.abs() + b.abs()) << self.scale.subtexel_bits;
         [(i, j), (j, i)].into_iter().all(|(own, other)| {
@@ -148,8 +169,13 @@ impl Search<'_> {
             let strip = if inside { HalfPlane { a: -a, b: -b, c: far - c } } else { HalfPlane { a, b, c: c + far } };
             let mut lines = self.half_planes(&cell.path);
             lines.push(strip);
+            lines.extend(within);
             let list: Vec<u32> = cell.list.iter().copied().filter(|n| self.reaches(*n, strip)).collect();
             let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
+            self.polygon.region(&region);
+            if self.polygon.extent(0).is_none() {
+                return true;
+            }
             let entry = self.cells[other].value;
             self.holds(entry, &list, region, false)
         })

@@ -69,6 +69,21 @@ impl Search<'_> {
             return None;
         }
         // elsewhere as in any region
+        let far = self.far_side(&region, tip, bend)?;
+        let mut lines = region.lines.to_vec();
+        lines.push(far);
+        let region = Region { lines: &lines, ..region };
+        self.polygon.region(&region);
+        if self.polygon.extent(0).is_none() {
+            return Some(bend);
+        }
+        let rest: Vec<u32> = list.iter().copied().filter(|i| self.reaches(*i, far)).collect();
+        self.holds(Entry::Plane(tip.plane), &rest, region, false).then_some(bend)
+    }
+
+    /// Where front and end are at least [`Self::far`] apart in the region's square, and a little more.
+    pub(super) fn far_side(&self, region: &Region<'_>, tip: Tip, bend: f64) -> Option<HalfPlane> {
+        let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
         let (dx, dy) = (e.sx - f.sx, e.sy - f.sy);
         let largest = dx.abs().max(dy.abs());
         // a normal of 2^24 keeps edge functions of a tile far below 2^62
@@ -81,16 +96,7 @@ impl Search<'_> {
         // rounded toward the near part, within the square
         let reach = (region.p[0].abs() + region.p[1].abs() + 2 * region.size) as f64;
         let c = (offset + reach + offset.abs() * 1e-15 + (f.eps + e.eps) * by + 2.0).ceil();
-        let far = HalfPlane { a: a as i64, b: b as i64, c: c as i64 };
-        let mut lines = region.lines.to_vec();
-        lines.push(far);
-        let region = Region { lines: &lines, ..region };
-        self.polygon.region(&region);
-        if self.polygon.extent(0).is_none() {
-            return Some(bend);
-        }
-        let rest: Vec<u32> = list.iter().copied().filter(|i| self.reaches(*i, far)).collect();
-        self.holds(Entry::Plane(tip.plane), &rest, region, false).then_some(bend)
+        Some(HalfPlane { a: a as i64, b: b as i64, c: c as i64 })
     }
 
     /// The distance of front and end from which on everything is linear and far from rounding.
