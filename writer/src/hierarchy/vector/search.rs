@@ -37,9 +37,9 @@ use crate::interval::{Event, Interval, wide};
 /// Most cuts of a square.
 const MOST_CUTS: usize = 3;
 /// Most surfaces of a square that is tried at all.
-const PROOF_LIST: usize = 48;
+const PROOF_LIST: usize = 256;
 /// Most surfaces of a square that is cut.
-const CUT_LIST: usize = 32;
+const CUT_LIST: usize = 64;
 /// Maps up to here are so small that the root page holds most of them, where splits and masks can't refer to everything.
 pub const SMALL_LOG2: u8 = 8;
 /// Edges between faces of which cuts are tried.
