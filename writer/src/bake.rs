@@ -20,7 +20,7 @@ use crate::mesh::Mesh;
 use crate::solid::{self, Components, Policy, SnappedMesh, SolidError};
 
 /// Changes whenever the same input would give other bytes.
-pub(crate) const GENERATOR: u32 = 2;
+pub(crate) const GENERATOR: u32 = 3;
 
 /// Bytes of pages that a bake without a budget holds in memory before it puts them aside.
 const SPOOL: u64 = 64 << 20;
