@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use umbrage::format::Kind;
 use umbrage::reader::query::Map;
 use umbrage::reader::{Container, FileSource, Limits};
 use umbrage::render::{Camera, Scene, UpAxis, View};
@@ -80,17 +81,28 @@ impl Model {
             lights: vec![Light { name: "sun".to_string(), direction }],
             resolution,
             policy: self.policy,
-            kind: umbrage::format::Kind::Mh,
+            kind: Kind::Mh,
             exhaustive,
             memory_bytes: None,
         }
     }
 
-    /// Bakes one light into a file of the folder.
+    /// Bakes one light into a file of the folder, kind `mh`.
     pub fn bake(&self, light: [f64; 3], resolution: u64, folder: &Folder) -> Result<(Baked, PathBuf), Failure> {
+        self.bake_as(Kind::Mh, light, resolution, folder)
+    }
+
+    /// Bakes one light into a file of the folder.
+    pub fn bake_as(
+        &self,
+        kind: Kind,
+        light: [f64; 3],
+        resolution: u64,
+        folder: &Folder,
+    ) -> Result<(Baked, PathBuf), Failure> {
         let file = folder.file();
-        let baked = bake(&self.mesh, &self.options(light, resolution, false), &file, &Progress::default());
-        Ok((baked?, file))
+        let options = BakeOptions { kind, ..self.options(light, resolution, false) };
+        Ok((bake(&self.mesh, &options, &file, &Progress::default())?, file))
     }
 }
 

@@ -1,10 +1,16 @@
-//! `size`: bytes of whole files, with all levels, against an uncompressed depth map and one compressed tile by tile.
+//! `size`: bytes of whole files, with all levels, against an uncompressed depth map and one compressed tile by tile; kind
+//! `vector` against `mh` by the bytes that Scandolo et al. 2016 give its nodes.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use serde_json::json;
+use umbrage::format::Kind;
+use umbrage::writer::bake::Baked;
 
 use crate::plot::{Plot, Series};
 use crate::report::{Report, Table, bytes, side};
-use crate::scenes::{self, Folder, LIGHTS, SCENES};
+use crate::scenes::{self, Folder, LIGHTS, Model, SCENES};
 use crate::{Args, Failure, depth_map};
 
 /// zstd's level.
@@ -34,6 +40,10 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
             "zstd : file",
         ],
     );
+    let mut kinds = Table::new(
+        "kind vector against mh (leaf and empty nodes 4 bytes, inner ones 8)",
+        &["scene", "side", "vector file", "entries", "pages", "mh", "vector : mh", "vector s", "mh s"],
+    );
     let resolutions = match (&args.resolutions[..], args.full) {
         ([], false) => vec![4096, 16384],
         ([], true) => vec![4096, 16384, 65536],
@@ -43,11 +53,26 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
     let mut series: Vec<Series> = Vec::new();
     for name in scenes::names(&args.scenes, &SCENES) {
         let model = scenes::load(name, args.policy)?;
-        let mut curves = ["mh", "f32", "zstd"]
+        let mut curves = ["mh", "f32", "zstd", "vector"]
             .map(|k| Series { name: if k == "f32" { k.to_string() } else { format!("{name} {k}") }, points: vec![] });
         for &resolution in &resolutions {
-            let (baked, file) = model.bake(LIGHTS[0], resolution, &folder)?;
+            let (vector, file, took) = timed(&model, Kind::Vector, resolution, &folder)?;
+            remove(&file)?;
+            let (baked, file, mh_took) = timed(&model, Kind::Mh, resolution, &folder)?;
             let light = &baked.lights[0];
+            let paper = 4 * light.nodes[0] + 8 * light.nodes[1] + 4 * light.nodes[2];
+            let dense = vector.bytes as f64 / paper as f64;
+            kinds.push([
+                name.to_string(),
+                side(resolution),
+                bytes(vector.bytes),
+                (vector.lights[0].nodes[0] + vector.lights[0].nodes[1]).to_string(),
+                vector.lights[0].pages.to_string(),
+                bytes(paper),
+                format!("{dense:.4}"),
+                format!("{took:.1}"),
+                format!("{mh_took:.1}"),
+            ]);
             let nodes: u64 = light.nodes.iter().sum();
             let raw = 4 * resolution * resolution;
             let zstd = compressed(&baked.last)?;
@@ -76,18 +101,20 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
                 "bytes_per_node": baked.bytes as f64 / nodes as f64, "pages": light.pages, "edge_share": edge,
                 "thin_texels": light.counts.thin_texels, "triangles": baked.triangles,
                 "f32_bytes": raw, "f32_ratio": ratio(raw), "zstd_bytes": zstd, "zstd_ratio": ratio(zstd),
+                "vector_bytes": vector.bytes, "paper_bytes": paper, "vector_ratio": dense, "vector_s": took, "mh_s": mh_took,
             }));
-            for (curve, v) in curves.iter_mut().zip([baked.bytes, raw, zstd]) {
+            for (curve, v) in curves.iter_mut().zip([baked.bytes, raw, zstd, vector.bytes]) {
                 curve.points.push([resolution as f64, v as f64]);
             }
             // A file of the next resolution needs the room.
-            std::fs::remove_file(&file).map_err(|e| Failure::target(format!("{}: {e}", file.display())))?;
+            remove(&file)?;
         }
         // An uncompressed map has no scene: one curve is enough.
         let again = !series.is_empty();
         series.extend(curves.into_iter().enumerate().filter(|(k, _)| !(again && *k == 1)).map(|(_, c)| c));
     }
     report.tables.push(table);
+    report.tables.push(kinds);
     report.notes.push(format!(
         "zstd: level {LEVEL}, tiles of {TILE} x {TILE} u32 depths of texel centres, each compressed alone"
     ));
@@ -101,6 +128,17 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
         },
     ));
     Ok(report)
+}
+
+/// A bake and its seconds.
+fn timed(model: &Model, kind: Kind, resolution: u64, folder: &Folder) -> Result<(Baked, PathBuf, f64), Failure> {
+    let start = Instant::now();
+    let (baked, file) = model.bake_as(kind, LIGHTS[0], resolution, folder)?;
+    Ok((baked, file, start.elapsed().as_secs_f64()))
+}
+
+fn remove(file: &Path) -> Result<(), Failure> {
+    std::fs::remove_file(file).map_err(|e| Failure::target(format!("{}: {e}", file.display())))
 }
 
 /// Bytes of a plain depth map whose tiles are compressed one by one; holds a strip per thread.
