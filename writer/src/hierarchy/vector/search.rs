@@ -1,6 +1,7 @@
 //! One entry for a whole square, proven for every texel of it, or nothing.
 //!
-//! A square is answered by one constant or plane, or cut along silhouette edges into at most four cells with one each.
+//! A square is answered by one constant or plane, or cut along silhouette edges, else along edges between two faces of the
+//! front or the end, into at most four cells with one each.
 //!
 //! Claim of [`Search::square`]: at every texel of the square the stored function's value lies in the texel's interval
 //! (CONVENTIONS, Intervals: the area interval where it is not empty, else the centre's), and keeps the guard where that is wide.
@@ -16,7 +17,8 @@
 //! A texel that two cells share is an edge texel if on the border between them, somewhere inside it, one cell's stretch ends
 //! before the other one's begins: then only its centre counts, and the centre's cell is told exactly. If both cells hold
 //! the same entry and neither is a tip, that is right for all of the texel; so are two entries if each is proven for the other
-//! cell, as far as such texels reach. Nothing else is accepted.
+//! cell, as far as such texels reach. All other texels that two cells share, and those of a tip that rounding may reach, are
+//! looked at one by one: what is stored must lie in their exact intervals.
 //!
 //! What is true between the centres is told apart from this: module `continuous`.
 
