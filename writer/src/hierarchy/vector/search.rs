@@ -67,6 +67,8 @@ struct Cut {
     line: Line,
     /// Whether the surface lies beyond the line.
     beyond: bool,
+    /// Whether another face of the solid goes on behind the edge.
+    crease: bool,
 }
 
 /// A surface's edges.

@@ -31,7 +31,8 @@ impl Search<'_> {
         let mut edges = 0;
         for n in 0..self.cuts.len() {
             match self.told(n, p, size) {
-                Some(texels) => edges += texels,
+                // at an edge between two faces the stretch goes on
+                Some(texels) => edges += if self.cuts[n].crease { 0 } else { texels },
                 None => return false,
             }
         }
@@ -40,7 +41,9 @@ impl Search<'_> {
         doubtful.dedup();
         let right = doubtful.iter().all(|q| self.stored(palette, id, *q).is_some_and(|entry| self.keeps(entry, *q)));
         self.doubtful = doubtful;
-        self.edge_texels += edges;
+        if right {
+            self.edge_texels += edges;
+        }
         right
     }
 

@@ -55,7 +55,7 @@ impl Search<'_> {
         let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
         let line = Line::through(a, b, self.scale)?;
         let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
-        Some((z, Cut { inside, line, beyond }))
+        Some((z, Cut { inside, line, beyond, crease: false }))
     }
 
     /// Edges between two faces of the front, or of the end behind it, through the region.
@@ -84,6 +84,7 @@ impl Search<'_> {
                     continue;
                 }
                 let Some((_, cut)) = self.cut(i, k, &region) else { continue };
+                let cut = Cut { crease: true, ..cut };
                 if !found.iter().any(|f| f.line == cut.line) && !path.iter().any(|c| self.cuts[c.0].line == cut.line) {
                     found.push(cut);
                 }
@@ -96,7 +97,7 @@ impl Search<'_> {
     /// Whether the stored line tells the side of every texel centre of the square as the exact one does, with room for
     /// the rounding of pages; the number of texels that it crosses.
     pub(super) fn told(&self, cut: usize, p: [i64; 2], size: i64) -> Option<u64> {
-        let Cut { inside, line, beyond } = self.cuts[cut];
+        let Cut { inside, line, beyond, .. } = self.cuts[cut];
         let (u, t) = if line.axis { (1, 0) } else { (0, 1) };
         let bits = self.scale.subtexel_bits;
         let texel = 1i64 << bits;
