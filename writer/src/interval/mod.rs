@@ -81,6 +81,13 @@ pub fn wide(guard: u32) -> u64 {
 /// Largest depth that a scene's surfaces may answer.
 pub(crate) const DEEPEST: i64 = UNCOVERED as i64 - 1;
 
+/// `x.ceil() as i64`, without a call where the processor's rounding isn't known to be there.
+#[inline]
+pub(crate) fn ceil(x: f64) -> i64 {
+    let whole = x as i64;
+    whole.saturating_add(i64::from((whole as f64) < x))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -93,5 +100,14 @@ mod tests {
         assert_eq!(i(10, 10).guarded(0), i(10, 10));
         assert_eq!(i(0, u32::MAX - 1).guarded(u32::MAX), i(0, u32::MAX - 1));
         assert_eq!(Interval::UNCOVERED.guarded(0), Interval::UNCOVERED);
+    }
+
+    #[test]
+    fn rounding_up_is_that_of_the_library() {
+        let far = [f64::INFINITY, f64::NEG_INFINITY, f64::NAN, 1e300, -1e300, 2f64.powi(63), -2f64.powi(63)];
+        let near = (-2000..2000).map(|n| f64::from(n) / 8.0);
+        for x in near.chain(far).chain([4294967295.0, 4294967295.5, 2f64.powi(53) + 2.0, 1e-300, -1e-300, -0.0]) {
+            assert_eq!(ceil(x), x.ceil() as i64, "{x}");
+        }
     }
 }

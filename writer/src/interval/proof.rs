@@ -22,7 +22,7 @@
 
 use super::ray::Rays;
 use super::triangle::{Cover, Local};
-use super::{DEEPEST, Event, Interval};
+use super::{DEEPEST, Event, Interval, ceil};
 
 /// Outward margin of clipped surfaces, lattice steps. Edge functions of a tile stay below 2^57 and their edges are at
 /// least one step long, so f64 misplaces an edge by less than 2^-52 of the tile's 2^28 steps a side.
@@ -228,20 +228,22 @@ impl Prover {
             let off = |low: i64, high: i64| window.is_some_and(|(first, last)| low > last || high < first);
             let (mut low, mut high) =
                 if plain { l.ceil_range(p[0], p[1], size) } else { sheared(rays, l, &region, slack, off) };
-            let mut all = l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
+            // of exits nobody asks, but where they may be the only surface
+            let matters = l.event == Event::Enter || second_surface && l.event != Event::Wall;
+            let mut all = (matters || close) && l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
             if close
                 && !all
                 && l.event != Event::Wall
                 && (!off(low, high) || !region.lines.is_empty() && l.event == Event::Enter)
             {
-                all = !region.lines.is_empty() && self.polygon.covered(rays, l, &region, 3, WHOLE);
+                all = matters && !region.lines.is_empty() && self.polygon.covered(rays, l, &region, 3, WHOLE);
                 self.polygon.points.clone_from(&self.base.points);
                 self.polygon.clip(l);
                 let (sx, sy) = (l.sx - region.shear[0], l.sy - region.shear[1]);
                 let (a, b) = self.polygon.range(l.z0, sx, sy);
                 let slack = l.eps + region.slack() + 2.0 * MARGIN * (sx.abs() + sy.abs());
-                low = low.max((a - slack).ceil() as i64);
-                high = high.min((b + slack).ceil() as i64).max(low);
+                low = low.max(ceil(a - slack));
+                high = high.min(ceil(b + slack)).max(low);
             }
             self.reach.push(Reach { low, high, all });
         }
@@ -253,7 +255,7 @@ impl Prover {
         } else {
             self.prove_slabs(locals, list, region, close)?
         };
-        let (low, high) = (low.max((-least).ceil() as i64), high.min(self.deepest));
+        let (low, high) = (low.max(ceil(-least)), high.min(self.deepest));
         (low <= high).then_some((low, high))
     }
 
@@ -394,13 +396,13 @@ fn sheared(rays: &Rays, l: &Local, region: &Region<'_>, slack: f64, off: impl Fn
             least += (shear[i] * a).min(shear[i] * b);
             most += (shear[i] * a).max(shear[i] * b);
         }
-        return ((l.zmin as f64 - most - slack).ceil() as i64, (l.zmax as f64 - least + slack).ceil() as i64);
+        return (ceil(l.zmin as f64 - most - slack), ceil(l.zmax as f64 - least + slack));
     }
     let (sx, sy) = (l.sx - shear[0], l.sy - shear[1]);
     let z = l.z0 + sx * p[0] as f64 + sy * p[1] as f64;
     let (dx, dy) = (sx * size as f64, sy * size as f64);
     let (mut low, mut high) = (z + dx.min(0.0) + dy.min(0.0), z + dx.max(0.0) + dy.max(0.0));
-    let (loose, wide) = ((low - slack - l.eps).ceil() as i64, (high + slack + l.eps).ceil() as i64);
+    let (loose, wide) = (ceil(low - slack - l.eps), ceil(high + slack + l.eps));
     if off(loose, wide) {
         return (loose, wide);
     }
@@ -419,7 +421,7 @@ fn sheared(rays: &Rays, l: &Local, region: &Region<'_>, slack: f64, off: impl Fn
     let slack = slack + l.eps;
     low = low.max(least);
     high = high.min(most).max(low);
-    ((low - slack).ceil() as i64, (high + slack).ceil() as i64)
+    (ceil(low - slack), ceil(high + slack))
 }
 
 /// Whether `t` is nowhere in front of `f` over the square, as surfaces or as planes.
@@ -535,6 +537,11 @@ impl Polygon {
     /// Keeps what has `sx x + sy y + z >= 0`.
     pub(crate) fn keep_plane(&mut self, sx: f64, sy: f64, z: f64) {
         self.keep_linear(sx, sy, z);
+    }
+
+    /// Becomes another one.
+    pub(crate) fn copy(&mut self, other: &Polygon) {
+        self.points.clone_from(&other.points);
     }
 
     /// Its corners; none where nothing is left.

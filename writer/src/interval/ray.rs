@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 
 use super::triangle::{Local, Surface};
-use super::{DEEPEST, Event, Interval};
+use super::{DEEPEST, Event, Interval, ceil};
 
 /// A ray's first surface and the end of the stretch behind it, as ceilings of their exact depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,8 +88,8 @@ impl Rays<'_> {
         };
         hits.sort_by(|a, b| depth_order(a, b).then(a.event.cmp(&b.event)));
         let ceil = |h: &Hit| {
-            let (low, high) = ((h.z - h.eps).ceil(), (h.z + h.eps).ceil());
-            if low == high { low as i64 } else { exact(h).ceil() }
+            let (low, high) = (ceil(h.z - h.eps), ceil(h.z + h.eps));
+            if low == high { low } else { exact(h).ceil() }
         };
         let lo = ceil(&hits[0]);
         if self.second_surface {

@@ -5,7 +5,7 @@
 
 use std::cmp::Ordering;
 
-use super::Event;
+use super::{Event, ceil};
 use crate::solid::{SnappedMesh, SolidKind};
 
 /// One surface that light rays cross, entered or left, or the wall of a closed solid seen edge-on.
@@ -322,7 +322,7 @@ impl Local {
         let low = z + dx.min(0.0) + dy.min(0.0) - self.eps;
         let high = z + dx.max(0.0) + dy.max(0.0) + self.eps;
         // `as` saturates, so infinities and not-a-number fall back on the corners' depths
-        ((low.ceil() as i64).max(self.zmin), (high.ceil() as i64).min(self.zmax))
+        (ceil(low).max(self.zmin), ceil(high).min(self.zmax))
     }
 
     /// Depth at the tile-relative point, within `eps`.
