@@ -119,7 +119,7 @@ class Vector:
             good = line < lines and max(sides) < i
             need(good, "vector.split", at, i)
             depths[i] = 1 + max(depths.get(side, 0) for side in sides)
-            need(depths[i] <= 3, "vector.split", at, i)
+            need(depths[i] <= 4, "vector.split", at, i)
         for i in range(self.mask, self.raw):
             entries, selectors = self.mask_of(i)
             good = words[self.at["masks"] + 2 * (i - self.mask)] >> 30 == 0 and 3 not in selectors

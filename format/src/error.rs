@@ -137,7 +137,7 @@ rules! {
     VectorLevels "vector.levels" "the record's finest level is that of the finest group" WRITER;
     VectorLine "vector.line" "unused bits of a line are zero" WRITER;
     VectorPlane "vector.plane" "unused bits of a plane are zero" WRITER;
-    VectorSplit "vector.split" "splits refer to a line and to entries before them, at most 3 deep" WRITER;
+    VectorSplit "vector.split" "splits refer to a line and to entries before them, at most 4 deep" WRITER;
     VectorMask "vector.mask" "masks choose among constants and planes" WRITER;
     VectorRaw "vector.raw" "raws lie one behind the other in the heap, their values in 32 bits" WRITER;
     VectorIndex "vector.index" "indexes are numbers of the palette" WRITER;

@@ -99,7 +99,7 @@ impl Part {
     }
 }
 
-/// Calls `visit` with every part of entry `number`; at most 8 times.
+/// Calls `visit` with every part of entry `number`; at most 16 times.
 #[inline]
 pub fn parts(page: &[u32], l: &Layout, number: u32, mut visit: impl FnMut(Part)) {
     let simple = |number: u32| {
@@ -112,7 +112,7 @@ pub fn parts(page: &[u32], l: &Layout, number: u32, mut visit: impl FnMut(Part))
     if number < l.first_split.into() {
         visit(simple(number));
     } else if number < l.first_mask.into() {
-        // The entries still to be seen: each split leaves one behind, and splits are at most 3 deep.
+        // The entries still to be seen: each split leaves one behind, and splits are at most 4 deep.
         let mut waiting = [(number, 0u32); MAX_DEPTH as usize + 1];
         let mut count = 1usize;
         while let Some(&(number, depth)) = count.checked_sub(1).and_then(|top| waiting.get(top)) {

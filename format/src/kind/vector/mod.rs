@@ -43,7 +43,7 @@ pub const BLOCK_WORDS: u32 = 5;
 /// Most groups of a page.
 pub const MAX_GROUPS: u16 = 32_767;
 /// Most splits one behind the other.
-pub const MAX_DEPTH: u32 = 3;
+pub const MAX_DEPTH: u32 = 4;
 /// Bits of a mask that say that a child has children.
 const CHILDREN: u64 = 0xAAAA_AAAA_AAAA_AAAA;
 

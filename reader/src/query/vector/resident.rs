@@ -142,7 +142,7 @@ impl Tree {
     /// Value of an entry at a place of the map.
     #[inline]
     fn value_at(&self, mut number: u32, x: i64, y: i64) -> u32 {
-        // Splits are at most three deep, and a mask's entries are constants or planes.
+        // Splits are at most four deep, and a mask's entries are constants or planes.
         loop {
             match self.entries.get(number as usize) {
                 Some(Entry::Plane { offset, k, gx, gy, most, shift }) => {
