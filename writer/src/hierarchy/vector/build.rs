@@ -234,10 +234,12 @@ impl Tile<'_> {
         if is_open(self.rays.locals, list) || self.cx.cancelled() {
             return open();
         }
+        let facts = self.search.facts();
         if let Some((id, proven)) = self.search.square(&mut self.forest.palette, list, p, size, above) {
             return Node { proven: Some(proven), ..Node::leaf(id) };
         }
         if at.level == BLOCK_LEVEL {
+            self.search.forget(facts);
             return self.block(at, start, above);
         }
         if at.level == 0 {
@@ -260,6 +262,7 @@ impl Tile<'_> {
                 seen.truncate(MOST_ABOVE);
             }
         }
+        self.search.forget(facts);
         self.cx.merge(at, &mut children, &mut self.forest, &self.exact)
     }
 
@@ -291,15 +294,18 @@ impl Tile<'_> {
         let p = [0, 1].map(|i| (i64::from(at.origin[i]) << bits) - corner[i]);
         let end = self.stack.len();
         let mut intervals = [Interval::UNCOVERED; 16];
-        let mut planes = Vec::new();
+        let (mut planes, mut seen) = (Vec::new(), Vec::new());
         for n in 0..16i64 {
             let q = [p[0] + (n & 3) * size, p[1] + (n >> 2) * size];
             self.descend(start, end, q, size);
             intervals[n as usize] = self.texel(end, q, size);
-            let centre = q.map(|c| c + size / 2);
-            for plane in self.search.guesses(&self.stack[end..], centre).into_iter().flatten() {
-                if !planes.contains(&plane) && planes.len() < 12 {
-                    planes.push(plane);
+            let met = self.search.met(&self.stack[end..], q.map(|c| c + size / 2));
+            if let Some(met) = met.filter(|m| !seen.contains(m)) {
+                seen.push(met);
+                for plane in self.search.guesses(met).into_iter().flatten() {
+                    if !planes.contains(&plane) && planes.len() < 12 {
+                        planes.push(plane);
+                    }
                 }
             }
             self.stack.truncate(end);

@@ -37,7 +37,7 @@ use crate::interval::triangle::Local;
 use crate::interval::{Event, Interval, wide};
 
 /// Most cuts of a square.
-const MOST_CUTS: usize = 3;
+const MOST_CUTS: usize = 4;
 /// Most surfaces of a square that is tried at all.
 const PROOF_LIST: usize = 256;
 /// Most surfaces of a square that is cut.
@@ -54,10 +54,24 @@ const PRICES: [u32; 5] = [4, 4, 4, 6, 12];
 const DOUBTS: usize = 4;
 /// Texels of a tip that are looked at one by one because rounding may matter.
 const MOST_CLOSE: usize = 32;
+/// Side of squares, in texels, from which on the texels of a tip are not looked at one after the other.
+const MANY_TEXELS: i64 = 32;
+/// Area of a strip, in texels, whose centres are looked at one by one.
+const MOST_STRIP: f64 = 64.0;
 /// Difference of two faces' slopes, as a share of them, from which on the edge between them counts.
 const BEND: f64 = 0.05;
+/// Facts that are tried.
+const MOST_FACTS: usize = 24;
 /// Texels that are looked at one by one, for each texel of the square's side.
 const MOST_TIPS: f64 = 12.0;
+
+/// Most silhouette edges in sight of a square of this level that is cut: with more, next to none has an answer.
+fn most_seen(level: u8) -> usize {
+    match level {
+        0..=BLOCK_LEVEL => 1,
+        _ => 3,
+    }
+}
 
 /// A line through a square.
 #[derive(Clone, Copy)]
@@ -86,6 +100,13 @@ struct Cell {
     path: Vec<(usize, bool)>,
     list: Vec<u32>,
     entry: EntryId,
+    value: Entry,
+    tip: Option<Tip>,
+}
+
+/// A constant or plane that is proven for the part of a square inside some half-planes.
+struct Fact {
+    lines: Vec<HalfPlane>,
     value: Entry,
     tip: Option<Tip>,
 }
@@ -121,9 +142,12 @@ pub struct Search<'a> {
     pub lines: bool,
     prover: Prover,
     polygon: Polygon,
+    /// A part of it.
+    part: Polygon,
     cuts: Vec<Cut>,
     cells: Vec<Cell>,
     simple: Vec<EntryId>,
+    facts: Vec<Fact>,
     ray: RayScratch,
     /// Places of rays, and their stretches.
     probes: Vec<([i64; 2], i64, i64)>,
@@ -152,9 +176,11 @@ impl<'a> Search<'a> {
             lines: scale.log2_resolution > SMALL_LOG2,
             prover: Prover::default(),
             polygon: Polygon::default(),
+            part: Polygon::default(),
             cuts: Vec::new(),
             cells: Vec::new(),
             simple: Vec::new(),
+            facts: Vec::new(),
             ray: RayScratch::default(),
             probes: Vec::new(),
             places: Vec::new(),
@@ -171,8 +197,19 @@ impl<'a> Search<'a> {
         &self.rays.locals[i as usize]
     }
 
+    /// How many facts are known.
+    pub fn facts(&self) -> usize {
+        self.facts.len()
+    }
+
+    /// Forgets all facts but the first `count`: before a square that does not lie in those that they are about.
+    pub fn forget(&mut self, count: usize) {
+        self.facts.truncate(count);
+    }
+
     /// An entry for the tile-relative square, and whether it is proven between the texels' centres, too; `list` holds the
-    /// surfaces that overlap the square, sorted by solid. Entries of `above` are tried first, in this order.
+    /// surfaces that overlap the square, sorted by solid. Entries of `above` are tried first, in this order. Where there is
+    /// none, what was proven of parts of the square is kept for squares in it.
     pub fn square(
         &mut self,
         palette: &mut Palette,
@@ -193,7 +230,7 @@ impl<'a> Search<'a> {
         self.simple.truncate(6);
         self.list.clear();
         self.list.extend_from_slice(list);
-        let mark = palette.mark();
+        let (mark, facts) = (palette.mark(), self.facts.len());
         let id = self.cell(palette, list, p, size, &mut Vec::new());
         let level = (size >> self.scale.subtexel_bits).trailing_zeros() as usize;
         let id = id.filter(|id| {
@@ -205,6 +242,7 @@ impl<'a> Search<'a> {
             palette.back(mark);
             return None;
         };
+        self.facts.truncate(facts);
         self.edge_texels += self.cells.iter().filter_map(|c| c.tip).map(|t| t.edges).sum::<u64>();
         Some((id, self.is_proven(p, size)))
     }
@@ -225,18 +263,26 @@ impl<'a> Search<'a> {
     ) -> Option<EntryId> {
         let lines = self.half_planes(path);
         let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
-        if let Some((entry, tip)) = self.simple(palette, list, region) {
+        let known = self.known(palette, region);
+        if let Some((entry, tip)) = known.or_else(|| self.simple(palette, list, region)) {
             let value = palette.get(entry);
+            if known.is_none() && entry != OPEN {
+                self.facts.push(Fact { lines: lines.clone(), value, tip });
+            }
             self.cells.push(Cell { path: path.clone(), list: list.to_vec(), entry, value, tip });
             return Some(entry);
         }
         let level = (size >> self.scale.subtexel_bits).trailing_zeros() as u8;
         let most_cuts = if level <= BLOCK_LEVEL { 1 } else { MOST_CUTS };
-        if !self.lines || path.len() >= most_cuts || list.len() > CUT_LIST || self.cells.len() >= 4 {
+        if !self.lines || path.len() >= most_cuts || list.len() > CUT_LIST || self.cells.len() >= 6 {
+            return None;
+        }
+        let candidates = self.candidates(list, region, path);
+        if path.is_empty() && self.seen(list, &candidates) > most_seen(level) {
             return None;
         }
         // one line alone: see NOTES.md
-        let mut cuts = self.candidates(list, region, 1, path);
+        let mut cuts: Vec<Cut> = candidates.into_iter().take(1).map(|c| c.cut).collect();
         if cuts.is_empty() && level > BLOCK_LEVEL {
             cuts = self.creases(list, region, path);
         }
@@ -284,6 +330,28 @@ impl<'a> Search<'a> {
     fn reaches(&self, i: u32, h: HalfPlane) -> bool {
         let s = &self.rays.surfaces[self.local(i).index as usize];
         (0..3).any(|k| h.wide([i64::from(s.x[k]) - self.rays.corner[0], i64::from(s.y[k]) - self.rays.corner[1]]) > 0)
+    }
+
+    /// What is known of squares around, if it answers the whole region.
+    fn known(&mut self, palette: &mut Palette, region: Region<'_>) -> Option<(EntryId, Option<Tip>)> {
+        let Region { p, size, lines, .. } = region;
+        for n in (0..self.facts.len()).rev().take(MOST_FACTS) {
+            let fact = &self.facts[n];
+            let within = |h: &HalfPlane| lines.contains(h) || h.at(p) + (h.a.min(0) + h.b.min(0)) * size >= 0;
+            if !fact.lines.iter().all(within) {
+                continue;
+            }
+            let (value, tip) = (fact.value, fact.tip);
+            match tip {
+                None => return Some((palette.entry(value), None)),
+                Some(tip) => {
+                    if let Some(edges) = self.tip_fits(region, tip, tip.bend) {
+                        return Some((palette.entry(value), Some(Tip { edges, ..tip })));
+                    }
+                }
+            }
+        }
+        None
     }
 
     /// One constant or plane for the whole region.
@@ -350,7 +418,8 @@ impl<'a> Search<'a> {
                     }
                 }
                 let mut tip = Tip { front, end, plane, edges: 0, far: 0.0, bend: 0.0 };
-                if let Some(bend) = self.is_tip(list, region, tip)
+                if self.may_be_tip(&plane)
+                    && let Some(bend) = self.is_tip(list, region, tip)
                     && let Some(edges) = self.tip_fits(region, tip, bend)
                 {
                     tip.edges = edges;
@@ -397,6 +466,15 @@ impl<'a> Search<'a> {
                 _ => return false,
             };
             lo - 1 <= v && v < *hi
+        })
+    }
+
+    /// Whether a tip's plane lies between front and end on the rays of the probe, or within what bends may make.
+    fn may_be_tip(&self, plane: &Plane) -> bool {
+        let slack = plane.reach(self.scale) as i64 + 2 * i64::from(self.guard) + 8;
+        self.probes.iter().all(|(q, lo, hi)| {
+            let v = plane.at([q[0] + self.rays.corner[0], q[1] + self.rays.corner[1]], self.scale).0;
+            lo - slack <= v && v - slack <= *hi
         })
     }
 
@@ -523,11 +601,16 @@ impl<'a> Search<'a> {
         Some(known(palette, interval.guarded(self.guard)))
     }
 
-    /// Planes of the surfaces that rays at the texel's centre meet, for masks: behind the front, and between front and end.
-    pub fn guesses(&self, list: &[u32], centre: [i64; 2]) -> [Option<Plane>; 2] {
-        let Some(front) = self.front(list, centre) else { return [None; 2] };
+    /// The surface that the ray at the point meets first, and the one at which it leaves.
+    pub fn met(&self, list: &[u32], p: [i64; 2]) -> Option<(u32, Option<u32>)> {
+        let front = self.front(list, p)?;
+        Some((front, self.end(list, p, front)))
+    }
+
+    /// Planes for masks: behind a front, and between front and end.
+    pub fn guesses(&self, (front, end): (u32, Option<u32>)) -> [Option<Plane>; 2] {
         let f = &self.rays.surfaces[self.local(front).index as usize];
-        let e = self.end(list, centre, front).map(|e| &self.rays.surfaces[self.local(e).index as usize]);
+        let e = end.map(|e| &self.rays.surfaces[self.local(e).index as usize]);
         [behind(f, self.guard, self.scale), e.and_then(|e| between(f, e, self.guard, self.scale))]
     }
 }

@@ -66,8 +66,9 @@ impl Search<'_> {
             return self.is_right_in(palette.get(id), list, p, size, &[]);
         };
         let line = palette.lines[line as usize];
-        let cuts = self.candidates(list, Region::square(p, size), MOST_EDGES, &[]);
-        let Some(cut) = cuts.into_iter().find(|c| c.line == line) else { return false };
+        let cuts = self.candidates(list, Region::square(p, size), &[]);
+        let cut = cuts.into_iter().take(MOST_EDGES).map(|c| c.cut).find(|c| c.line == line);
+        let Some(cut) = cut else { return false };
         self.cuts.push(cut);
         [(near, !cut.beyond), (beyond, cut.beyond)].into_iter().all(|(id, inside)| {
             let half = if inside { cut.inside } else { cut.inside.beyond() };

@@ -6,16 +6,20 @@ use crate::hierarchy::vector::segment::clip_segment;
 use crate::interval::Event;
 use crate::interval::proof::{HalfPlane, Region};
 
+/// An edge along which a region may be cut.
+pub(super) struct Candidate {
+    /// Its depth in the middle of its part in the region.
+    z: f64,
+    middle: [i64; 2],
+    /// What rounding the middle makes, in depth.
+    slack: f64,
+    pub(super) cut: Cut,
+}
+
 impl Search<'_> {
     /// Silhouette edges through the region, the one nearest to the light first.
-    pub(super) fn candidates(
-        &mut self,
-        list: &[u32],
-        region: Region<'_>,
-        most: usize,
-        path: &[(usize, bool)],
-    ) -> Vec<Cut> {
-        let mut found: Vec<(f64, Cut)> = Vec::new();
+    pub(super) fn candidates(&self, list: &[u32], region: Region<'_>, path: &[(usize, bool)]) -> Vec<Candidate> {
+        let mut found: Vec<Candidate> = Vec::new();
         for &i in list {
             let l = &self.rays.locals[i as usize];
             let edges = self.edges[l.index as usize].silhouettes;
@@ -26,21 +30,33 @@ impl Search<'_> {
                 if edges >> k & 1 == 0 || (l.a[k] == 0 && l.b[k] == 0) {
                     continue;
                 }
-                let Some(cut) = self.cut(i, k, &region) else { continue };
-                let line = cut.1.line;
-                if found.iter().any(|f| f.1.line == line) || path.iter().any(|c| self.cuts[c.0].line == line) {
+                let Some(candidate) = self.cut(i, k, &region) else { continue };
+                let line = candidate.cut.line;
+                if found.iter().any(|f| f.cut.line == line) || path.iter().any(|c| self.cuts[c.0].line == line) {
                     continue;
                 }
-                found.push(cut);
+                found.push(candidate);
             }
         }
-        found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        found.truncate(most);
-        found.into_iter().map(|f| f.1).collect()
+        found.sort_by(|a, b| a.z.total_cmp(&b.z));
+        found
+    }
+
+    /// How many of the edges nothing hides.
+    pub(super) fn seen(&self, list: &[u32], edges: &[Candidate]) -> usize {
+        edges.iter().filter(|c| !self.is_hidden(list, c)).count()
+    }
+
+    /// Whether something lies in front of the middle of an edge.
+    fn is_hidden(&self, list: &[u32], edge: &Candidate) -> bool {
+        let [x, y] = edge.middle;
+        list.iter().map(|i| self.local(*i)).any(|l| {
+            l.event != Event::Wall && l.covers(x, y, 1, 1) && l.approximate(x, y) + l.eps + edge.slack < edge.z
+        })
     }
 
     /// Edge `k` of a surface where it runs through the region, and its depth there.
-    pub(super) fn cut(&self, i: u32, k: usize, region: &Region<'_>) -> Option<(f64, Cut)> {
+    pub(super) fn cut(&self, i: u32, k: usize, region: &Region<'_>) -> Option<Candidate> {
         let l = &self.rays.locals[i as usize];
         let inside = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
         let s = &self.rays.surfaces[l.index as usize];
@@ -55,7 +71,9 @@ impl Search<'_> {
         let [a, b] = if absolute[0] < absolute[1] { absolute } else { [absolute[1], absolute[0]] };
         let line = Line::through(a, b, self.scale)?;
         let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
-        Some((z, Cut { inside, line, beyond, crease: false }))
+        let slack = 2.0 + l.eps + 2.0 * (l.sx.abs() + l.sy.abs());
+        let middle = middle.map(|m| m.round() as i64);
+        Some(Candidate { z, middle, slack, cut: Cut { inside, line, beyond, crease: false } })
     }
 
     /// Edges between two faces of the front, or of the end behind it, through the region.
@@ -83,8 +101,8 @@ impl Search<'_> {
                     }
                     continue;
                 }
-                let Some((_, cut)) = self.cut(i, k, &region) else { continue };
-                let cut = Cut { crease: true, ..cut };
+                let Some(edge) = self.cut(i, k, &region) else { continue };
+                let cut = Cut { crease: true, ..edge.cut };
                 if !found.iter().any(|f| f.line == cut.line) && !path.iter().any(|c| self.cuts[c.0].line == cut.line) {
                     found.push(cut);
                 }
@@ -142,7 +160,7 @@ impl Search<'_> {
     }
 
     /// Silhouette edges through the square.
-    pub fn silhouettes(&mut self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
-        self.candidates(list, Region::square(p, size), most, &[]).into_iter().map(|c| c.line).collect()
+    pub fn silhouettes(&self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
+        self.candidates(list, Region::square(p, size), &[]).into_iter().take(most).map(|c| c.cut.line).collect()
     }
 }

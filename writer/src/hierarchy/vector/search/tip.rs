@@ -1,9 +1,9 @@
 //! Cells at silhouettes, where the front of a stretch and its end meet.
 
-use super::{MOST_CLOSE, MOST_TIPS, Search, Tip};
+use super::{MANY_TEXELS, MOST_CLOSE, MOST_STRIP, MOST_TIPS, Search, Tip};
 use crate::hierarchy::vector::entry::Entry;
-use crate::interval::Event;
 use crate::interval::proof::{HalfPlane, Region};
+use crate::interval::{Event, ceil};
 
 impl Search<'_> {
     /// Whether the surface covers the part of the region, alone or with the flattest neighbour: then that one, and the most that
@@ -110,61 +110,56 @@ impl Search<'_> {
 
     /// Whether the tip's plane is right where front and end are close: for every texel inside the region, and for the
     /// centres of those that are not inside, or have an empty interval. Some for which rounding may matter are looked at one
-    /// by one.
+    /// by one. Returns the number of those with an empty interval.
     pub(super) fn tip_fits(&mut self, region: Region<'_>, tip: Tip, bend: f64) -> Option<u64> {
-        let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
-        let half = self.scale.half();
-        let (h, k) = ((f.sx.abs() + f.sy.abs()) * half, (e.sx.abs() + e.sy.abs()) * half);
-        let guard = f64::from(self.guard);
-        let (whole, part) = tip.plane.at(self.rays.corner, self.scale);
-        let g = tip.plane.gradient(self.scale);
-        let z = whole as f64 + part;
-        let eps = 4.0 * (f.eps + e.eps) + (g[0].abs() + g[1].abs()) * 1e-7 + 0.01 + bend;
-
-        let far = self.far(tip, bend);
-        let (dz, dx, dy) = (e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy);
+        let own = TipPlane::new(self, tip, bend);
+        let (dz, dx, dy) = own.gap;
+        let texel = 1i64 << self.scale.subtexel_bits;
         self.close.clear();
-        let polygon = &mut self.polygon;
-        polygon.region(&region);
-        polygon.keep_plane(-dx, -dy, far - dz);
+        self.polygon.region(&region);
+        self.polygon.keep_plane(-dx, -dy, self.far(tip, bend) - dz);
+        if self.polygon.extent(1).is_none() {
+            return Some(0);
+        }
+        let edges = if region.size >= MANY_TEXELS * texel
+            && let Some(edges) = self.few_are_close(region, &own)
+        {
+            edges
+        } else {
+            self.all_fit(region, &own)?
+        };
+        let close = std::mem::take(&mut self.close);
+        let right = close.iter().all(|c| self.keeps(Entry::Plane(tip.plane), c.map(|v| v - texel / 2)));
+        self.close = close;
+        right.then_some(edges)
+    }
+
+    /// Holds the plane against each texel of the polygon; those for which rounding may matter are put on the list.
+    fn all_fit(&mut self, region: Region<'_>, own: &TipPlane) -> Option<u64> {
         let texel = 1i64 << self.scale.subtexel_bits;
         let t = texel as f64;
-        if polygon.area() > MOST_TIPS * t * region.size as f64 {
+        if self.polygon.area() > MOST_TIPS * t * region.size as f64 {
             return None;
         }
         let mut edges = 0;
-        let rows = polygon.extent(1);
-        let Some((first, last)) = rows else { return Some(0) };
+        let (first, last) = self.polygon.extent(1)?;
         let clamp = |v: f64, axis: usize| {
             let (a, b) = (region.p[axis] / texel, (region.p[axis] + region.size) / texel - 1);
             ((v / t).floor() as i64).clamp(a, b)
         };
         for row in clamp(first, 1)..=clamp(last, 1) {
             let y = row * texel + texel / 2;
-            let Some((from, to)) = polygon.row(y as f64, t) else { continue };
+            let Some((from, to)) = self.polygon.row(y as f64, t) else { continue };
             for column in clamp(from, 0)..=clamp(to, 0) {
                 let c = [column * texel + texel / 2, y];
                 if region.lines.iter().any(|l| l.at(c) < 0) {
                     continue;
                 }
-                let [x, y] = c.map(|v| v as f64);
-                let front = f.z0 + f.sx * x + f.sy * y;
-                let end = e.z0 + e.sx * x + e.sy * y;
-                let p = z + g[0] * x + g[1] * y;
-                let room = (end - k) - (front + h);
-                let (low, high, width) = if room >= 2.0 + eps {
-                    (front + h, end - k, room)
-                } else if room < -1.0 - eps {
-                    // those that a line crosses are counted with the line
-                    let whole = |l: &HalfPlane| l.at(c) >= (l.a.abs() + l.b.abs()) * (texel / 2);
-                    edges += u64::from(region.lines.iter().all(whole));
-                    (front, end, end - front)
-                } else {
-                    self.close.push(c);
-                    continue;
-                };
-                let guard = if width >= 4.0 * guard - 2.0 { guard } else { 0.0 };
-                if p - 2.0 - eps < low + guard || p + eps > high - guard {
+                let (fits, empty) = own.fits(c);
+                // those that a line crosses are counted with the line
+                let whole = |l: &HalfPlane| l.at(c) >= (l.a.abs() + l.b.abs()) * (texel / 2);
+                edges += u64::from(empty && region.lines.iter().all(whole));
+                if !fits {
                     self.close.push(c);
                 }
             }
@@ -172,9 +167,222 @@ impl Search<'_> {
                 return None;
             }
         }
-        let close = std::mem::take(&mut self.close);
-        let right = close.iter().all(|c| self.keeps(Entry::Plane(tip.plane), c.map(|v| v - texel / 2)));
-        self.close = close;
-        right.then_some(edges)
+        Some(edges)
+    }
+
+    /// Like [`Self::all_fit`], without looking at each texel: what has to hold is linear where the distance of front and end
+    /// is far from what rounding makes, so it holds for all texels there if it holds at the corners of that part. Only
+    /// centres in the two strips between are looked at. None where some corner says no; the number is an estimate, by area.
+    fn few_are_close(&mut self, region: Region<'_>, own: &TipPlane) -> Option<u64> {
+        let texel = 1i64 << self.scale.subtexel_bits;
+        let t = texel as f64;
+        let TipPlane { gap: (dz, dx, dy), reach, eps, .. } = *own;
+        // further from the ends of an interval than the plane may lie off its place between them
+        let off = own.off(self.polygon.corners());
+        let least = 4.0 * own.guard + 4.0 + (off + 3.0 * eps) / own.part.min(1.0 - own.part);
+        let empty = reach - 1.0 - eps;
+        if least > empty {
+            return None;
+        }
+        let part = &mut self.part;
+        part.copy(&self.polygon);
+        part.keep_plane(dx, dy, dz - reach - least);
+        if !part.corners().iter().all(|p| own.keeps(*p, true)) {
+            return None;
+        }
+        part.copy(&self.polygon);
+        part.keep_plane(-dx, -dy, empty - dz);
+        part.keep_plane(dx, dy, dz - least);
+        if !part.corners().iter().all(|p| own.keeps(*p, false)) {
+            return None;
+        }
+        region.lines.iter().for_each(|l| part.keep(l, -t / 2.0));
+        let edges = (part.area() / (t * t)).round() as u64;
+        let mut looked = 0;
+        // along the axis across which the distance changes more
+        let (u, v) = if dx.abs() > dy.abs() { (1, 0) } else { (0, 1) };
+        let (along, across) = if v == 0 { (dy, dx) } else { (dx, dy) };
+        for (low, high) in [(f64::NEG_INFINITY, least + 1.0), (empty - 1.0, reach + least + 1.0)] {
+            part.copy(&self.polygon);
+            part.keep_plane(-dx, -dy, high - dz);
+            part.keep_plane(dx, dy, dz - low.max(-least));
+            let (Some(rows), Some(columns)) = (part.extent(u), part.extent(v)) else { continue };
+            // below the line where front and end meet there is only the region's margin
+            if low.is_infinite() && part.range(dz, dx, dy).0 < -0.5 * least || part.area() > MOST_STRIP * t * t {
+                return None;
+            }
+            let index = |x: f64| (x - t / 2.0) / t;
+            let (first, last) = (ceil(index(rows.0) - 1e-3), -ceil(-index(rows.1) - 1e-3));
+            // the column where the strip begins in a row, and how much more it does so from row to row
+            let begins = |row: i64| {
+                let at = (row * texel + texel / 2) as f64;
+                let ends = [low.max(-least), high].map(|g| (g - dz - along * at) / across);
+                index(ends[0].min(ends[1])) - 1e-4
+            };
+            let width = ((high - low.max(-least)) / across / t).abs() + 2e-4;
+            let mut row = first;
+            while let Some(next) = next_hit(begins(row), -along / across, width, last - row) {
+                row += next;
+                let column = ceil(begins(row));
+                let mut c = [0; 2];
+                (c[u], c[v]) = (row * texel + texel / 2, column * texel + texel / 2);
+                let outside = (0..2).any(|i| c[i] < region.p[i] || c[i] > region.p[i] + region.size);
+                let off = (c[v] as f64) < columns.0 - t || (c[v] as f64) > columns.1 + t;
+                if !outside && !off && region.lines.iter().all(|l| l.at(c) >= 0) && !own.fits(c).0 {
+                    self.close.push(c);
+                }
+                looked += 1;
+                if self.close.len() > MOST_CLOSE || looked > 4 * MOST_CLOSE {
+                    self.close.clear();
+                    return None;
+                }
+                row += 1;
+            }
+        }
+        Some(edges)
+    }
+}
+
+/// The first row, of those up to `last`, in which an integer lies at most `width` behind where a strip begins: at `begin` in row
+/// 0, and `step` further from row to row.
+fn next_hit(begin: f64, step: f64, width: f64, last: i64) -> Option<i64> {
+    if last < 0 {
+        return None;
+    }
+    // fractions of one in 2^60; what rounding makes over the rows is far below a strip's width
+    const ONE: u128 = 1 << 60;
+    let fraction = |x: f64| ((x - x.floor()) * ONE as f64) as u128 % ONE;
+    // (start + n per row) mod 1 is how far the next integer lies behind the beginning
+    let (start, each) = (fraction(-begin), fraction(-step));
+    let width = (width * ONE as f64) as u128;
+    if start <= width {
+        return Some(0);
+    }
+    let (low, high) = (ONE - start, ONE - start + width);
+    let row = if high >= ONE { first_multiple(each, ONE, low, ONE - 1) } else { first_multiple(each, ONE, low, high) };
+    row.and_then(|r| i64::try_from(r).ok()).filter(|r| *r <= last)
+}
+
+/// The smallest n with `low <= a n mod m <= high`; `0 < low <= high < m` and `a < m < 2^62`.
+fn first_multiple(a: u128, m: u128, low: u128, high: u128) -> Option<u128> {
+    if a == 0 {
+        return None;
+    }
+    if 2 * a > m {
+        return first_multiple(m - a, m, m - high, m - low);
+    }
+    let n = low.div_ceil(a);
+    if n * a <= high {
+        return Some(n);
+    }
+    // no multiple of a lies between: how often m has to be gone around
+    let around = first_multiple((a - m % a) % a, a, low % a, high % a)?;
+    Some((low + m * around).div_ceil(a))
+}
+
+/// Front, end and plane of a tip as linear functions, tile-relative.
+struct TipPlane {
+    front: (f64, f64, f64),
+    end: (f64, f64, f64),
+    plane: (f64, f64, f64),
+    /// End less front.
+    gap: (f64, f64, f64),
+    /// What front and end rise within half a texel.
+    rise: [f64; 2],
+    /// Their sum.
+    reach: f64,
+    /// The share of the distance in front of the plane.
+    part: f64,
+    guard: f64,
+    /// What rounding may make, and what faces of more triangles lie off.
+    eps: f64,
+}
+
+fn at((z, sx, sy): (f64, f64, f64), p: [f64; 2]) -> f64 {
+    z + sx * p[0] + sy * p[1]
+}
+
+impl TipPlane {
+    fn new(search: &Search<'_>, tip: Tip, bend: f64) -> Self {
+        let (f, e) = (&search.rays.locals[tip.front as usize], &search.rays.locals[tip.end as usize]);
+        let half = search.scale.half();
+        let rise = [f, e].map(|l| (l.sx.abs() + l.sy.abs()) * half);
+        let (whole, part) = tip.plane.at(search.rays.corner, search.scale);
+        let g = tip.plane.gradient(search.scale);
+        let reach = rise[0] + rise[1];
+        TipPlane {
+            front: (f.z0, f.sx, f.sy),
+            end: (e.z0, e.sx, e.sy),
+            plane: (whole as f64 + part, g[0], g[1]),
+            gap: (e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy),
+            rise,
+            reach,
+            part: if reach > 0.0 { (rise[0] / reach).clamp(0.002, 0.998) } else { 0.5 },
+            guard: f64::from(search.guard),
+            eps: 4.0 * (f.eps + e.eps) + (g[0].abs() + g[1].abs()) * 1e-7 + 0.01 + bend,
+        }
+    }
+
+    /// Whether the plane is surely right for the texel with this centre, if that lies inside; whether its interval is empty.
+    fn fits(&self, c: [i64; 2]) -> (bool, bool) {
+        let c = c.map(|v| v as f64);
+        let (front, end, p) = (at(self.front, c), at(self.end, c), at(self.plane, c));
+        let room = (end - self.rise[1]) - (front + self.rise[0]);
+        let (low, high, width, empty) = if room >= 2.0 + self.eps {
+            (front + self.rise[0], end - self.rise[1], room, false)
+        } else if room < -1.0 - self.eps {
+            (front, end, end - front, true)
+        } else {
+            return (false, false);
+        };
+        let guard = if width >= 4.0 * self.guard - 2.0 { self.guard } else { 0.0 };
+        (p - 2.0 - self.eps >= low + guard && p + self.eps <= high - guard, empty)
+    }
+
+    /// Whether the plane keeps the guard from front and end, with `reach` from what they rise in a texel, too.
+    fn keeps(&self, p: [f64; 2], reach: bool) -> bool {
+        let [h, k] = if reach { self.rise } else { [0.0; 2] };
+        let z = at(self.plane, p);
+        z - 2.0 - self.eps >= at(self.front, p) + h + self.guard && z + self.eps <= at(self.end, p) - k - self.guard
+    }
+
+    /// Most that the plane lies off its share of the distance, at some corners.
+    fn off(&self, corners: &[[f64; 2]]) -> f64 {
+        let off = |p: &[f64; 2]| {
+            let gap = at(self.gap, *p) - 2.0 * self.guard - 4.0;
+            (at(self.plane, *p) - at(self.front, *p) - self.guard - 3.0 - gap * self.part).abs()
+        };
+        corners.iter().map(off).fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_with_an_integer_in_the_strip_are_found_as_by_looking_at_each() {
+        let mut state = 1u64;
+        let mut dice = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        let (mut hits, mut none) = (0, 0);
+        for n in 0..4000 {
+            let (begin, step) = (dice() * 4000.0 - 2000.0, if n % 7 == 0 { 0.5 } else { dice() * 2.0 - 1.0 });
+            let (width, last) = (dice() * dice() * dice() * 0.3, (dice() * 300.0) as i64 - 2);
+            let slow = |slack: f64| {
+                (0..=last).find(|r| {
+                    let from = begin + step * *r as f64 - slack;
+                    from.ceil() <= from + width + 2.0 * slack
+                })
+            };
+            let found = next_hit(begin, step, width, last);
+            let (wide, narrow) = (slow(1e-9), slow(-1e-9));
+            assert!(found == wide || found == narrow, "{begin} {step} {width} {last}: {found:?} {wide:?} {narrow:?}");
+            hits += u32::from(found.is_some());
+            none += u32::from(found.is_none());
+        }
+        assert!(hits > 500 && none > 500, "{hits} {none}");
     }
 }
