@@ -336,8 +336,8 @@ pub(super) fn count<T>(list: &[T]) -> u32 {
     u32::try_from(list.len()).unwrap_or(u32::MAX)
 }
 
-/// Bytes that a page's palette takes, at most; more than 32 for each slot, so that what 32 bits count in words has
-/// fewer slots than a reference reaches.
+/// Bytes that a page's palette takes, at most. With those of the nodes that refer to it more than 32 for each slot: 32 bits
+/// of words, the most that a map may hold, have fewer slots than a reference reaches.
 pub(super) fn bytes_held(h: &Header) -> u64 {
     let (slot, four, other) = (size_of::<Slot>() as u64, size_of::<Four>() as u64, size_of::<Other>() as u64);
     let each = [
