@@ -2,7 +2,7 @@
 //! every level and inside texels, lazily and resident alike; whatever is missing is answered from above.
 
 use umbrage_format::Kind;
-use umbrage_format::kind::vector::{Layout, bounds, nodes};
+use umbrage_format::kind::vector::{Layout, Line, Plane, bounds, nodes};
 use umbrage_format::projection::UNCOVERED;
 use umbrage_reader::query::Map;
 use umbrage_reader::query::vector::{PageView, continuous, descend};
@@ -58,6 +58,56 @@ fn random_trees_answer_as_the_naive_tree() {
             (UNCOVERED, UNCOVERED)
         );
         assert!(matches!(map.continuous(1 << log2, 0, [0; 2]), Err(ReaderError::OutOfRange { .. })));
+    }
+}
+
+/// Any slope, power, offset and line that a file can hold, on maps of every size: products that need more than 64 bits
+/// among them.
+#[test]
+fn the_largest_numbers_answer_as_the_naive_tree() {
+    let mut dice = Dice(31);
+    let mut any = |bits: u32| {
+        let bits = if dice.roll(3) == 0 { dice.roll(bits) + 1 } else { bits };
+        (i64::from(dice.roll(u32::MAX)) << 32 | i64::from(dice.roll(u32::MAX))) >> (64 - bits)
+    };
+    for round in 0..120 {
+        let log2 = [3, 14, 20, 24][round % 4];
+        let mut plane = || {
+            let (gx, gy) = (any(25) as i32, any(25) as i32);
+            Entry::Plane(Plane { offset: any(39), gx, gy, shift: (any(32) & 63) as u8 })
+        };
+        let planes: [Entry; 16] = std::array::from_fn(|_| plane());
+        let mut planes = planes.into_iter();
+        let mut side = || planes.next().unwrap_or(Entry::Constant(1));
+        let mut split = |a, b| {
+            // Through the middle of the map, or anywhere.
+            let (m, axis) = (any(32) as i32, any(1) == 0);
+            let middle = (1i64 << (log2 + 19)) - ((i64::from(m) << (log2 + 7)) >> 19);
+            let c = if any(2) == 0 { any(48) } else { middle + (any(48) >> 20) };
+            Entry::Split(Line { m, c, axis }, Box::new([a, b]))
+        };
+        let deep = split(side(), side());
+        let deeper = split(deep, side());
+        let kids = [side(), deeper, split(side(), side()), split(side(), side())];
+        let mask = Entry::Mask(Box::new([side(), side(), side()]), [0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 1]);
+        let mut nodes = kids.map(|e| Some(Node::leaf(e).proven()));
+        if round % 3 == 0 {
+            nodes[0] = Some(Node::inner(mask, [Some(Node::leaf(side())), None, None, None]).cut());
+        }
+        let tree = Node::inner(split(side(), side()), nodes);
+        let tree = if round % 2 == 0 { tree.cut() } else { tree };
+        let map = Map::new(file(&format!("vector-large-{round}"), &tree, log2).structure(0).unwrap()).unwrap();
+        let resident = map.preload().unwrap();
+        for _ in 0..200 {
+            let [x, y] = [(); 2].map(|()| (any(32) as u32) & ((1 << log2) - 1));
+            for level in [0, 1, 2, log2 / 2, log2 - 1, log2] {
+                let expected = tree.lookup(log2, x, y, level);
+                assert_eq!(map.texel(x, y, level).unwrap().value, expected, "round {round}: {x} {y} level {level}");
+                assert_eq!(resident.value(x, y, level), expected, "round {round}: {x} {y} level {level}");
+            }
+            let sub = [any(8) as u8, any(8) as u8];
+            assert_eq!(resident.continuous(x, y, sub), tree.continuous(log2, x, y, sub), "round {round}: {x} {y}");
+        }
     }
 }
 

@@ -54,16 +54,28 @@ pub struct Args {
     /// Texels on a side instead of the suite's own ones, repeatable
     #[arg(long = "resolution", value_name = "N")]
     resolutions: Vec<u64>,
-    /// For `query`: a file of kind vector of the scene and resolution, light 0.4,-0.8,0.3, as another candidate
-    #[arg(long, value_name = "FILE.umb")]
-    vector: Option<PathBuf>,
+    /// For `query`: a file of kind vector of the scene, light 0.4,-0.8,0.3, repeatable; the one of the suite's
+    /// resolution is another candidate, and several are compared with each other
+    #[arg(long = "vector", value_name = "FILE.umb")]
+    vectors: Vec<PathBuf>,
     /// How depth intervals come from geometry: closed, one-sided, thickness:T, second-surface or auto; closed for
     /// generated scenes and auto for files without it
     #[arg(long)]
     policy: Option<umbrage::writer::solid::Policy>,
+    /// For `size`: direction in which light travels, instead of 0.4,-0.8,0.3
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = direction)]
+    light: Option<[f64; 3]>,
     /// For the suite's own child process
     #[arg(long, hide = true)]
     exhaustive: bool,
+}
+
+/// Three finite numbers, not all of them 0.
+fn direction(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
+    let found: [f64; 3] = numbers.try_into().map_err(|_| "three numbers are wanted: X,Y,Z".to_string())?;
+    let fine = found.iter().all(|v| v.is_finite()) && found.iter().any(|v| *v != 0.0);
+    if fine { Ok(found) } else { Err("a direction is wanted".to_string()) }
 }
 
 /// What can be measured.
@@ -75,6 +87,8 @@ enum Suite {
     Bake,
     /// Nanoseconds per lookup against plain arrays
     Query,
+    /// What coarse levels answer, kind vector against mh, held against the intervals of the finest level
+    Levels,
     /// Wrong receivers against ray casting, and those of plain shadow maps at their best bias
     Accuracy,
     /// Inputs made to break the bake, both kinds, against the exact oracle and plain rays
@@ -131,6 +145,7 @@ fn run(args: &Args) -> Result<(), Failure> {
         Suite::Size => suite::size::run(args)?,
         Suite::Bake => suite::bake::run(args)?,
         Suite::Query => suite::query::run(args)?,
+        Suite::Levels => suite::levels::run(args)?,
         Suite::Accuracy => suite::accuracy::run(args)?,
         Suite::Stability => suite::stability::run(args)?,
         Suite::Check => suite::check::run(args)?,

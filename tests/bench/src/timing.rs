@@ -69,6 +69,11 @@ impl Samples {
         [self.0.iter().copied().fold(f64::INFINITY, f64::min), self.0.iter().copied().fold(0.0, f64::max)]
     }
 
+    /// Nanoseconds of each of `count` things that a repetition did.
+    pub fn each(&self, count: usize) -> Samples {
+        Samples(self.0.iter().map(|v| v * 1e9 / count as f64).collect())
+    }
+
     /// Ratios to another candidate, round by round.
     pub fn over(&self, other: &Samples) -> Samples {
         Samples(self.0.iter().zip(&other.0).map(|(a, b)| a / b).collect())

@@ -2,6 +2,11 @@
 //!
 //! The arrays hold the map's own values, so that all candidates give the same answers. Texels come from the pixels of
 //! recorded views, in pixel order, and uniformly at random; all coordinates are made before any clock runs.
+//!
+//! - here: one resolution, all ways to look up;
+//! - [`across`]: kind `vector` at several resolutions, the same receivers.
+
+mod across;
 
 use std::hint::black_box;
 
@@ -9,12 +14,12 @@ use rayon::prelude::*;
 use serde_json::json;
 use umbrage::format::Kind;
 use umbrage::reader::query::{Map, Resident};
-use umbrage::render::Scene;
+use umbrage::render::{Scene, View};
 
 use crate::plot::{Plot, Series};
 use crate::random::Random;
 use crate::report::{Report, Table, bytes, side};
-use crate::scenes::{self, Folder, LIGHTS};
+use crate::scenes::{self, Folder, LIGHTS, Model};
 use crate::timing::Samples;
 use crate::{Args, Failure};
 
@@ -24,12 +29,16 @@ const PICTURE: [u32; 2] = [1280, 720];
 const RANDOM: usize = 1 << 22;
 /// Rounds in which all candidates take turns.
 const ROUNDS: usize = 9;
+/// Lookups of one candidate in a round, at least: the clock moves by ticks of up to 4 ms.
+const LOOKUPS: usize = 1 << 23;
 /// Where texels come from.
 const CASES: [&str; 2] = ["pixel order", "random"];
 /// Most that a lookup may take, in lookups of the row-major array, by case.
 const GOALS: [f64; 2] = [2.0, 5.0];
 /// The same for kind `vector`.
 const VECTOR_GOALS: [f64; 2] = [1.3, 2.0];
+/// Resolution that `--full` adds for kind `vector`.
+const LARGE: u64 = 1 << 20;
 /// Side of the square tiles of the tiled array.
 const TILE_LOG2: u32 = 3;
 
@@ -52,10 +61,16 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
         let mut random = Random::new(1, 0);
         let shift = 64 - log2;
         let at_random: Vec<Texel> = (0..RANDOM).map(|_| [0, 1].map(|_| (random.bits() >> shift) as u32)).collect();
+        let seen = |v: &View| v.points.iter().zip(&v.receivers).filter(|p| p.1.is_some()).map(|p| *p.0).collect();
+        let points: Vec<Vec<[f64; 3]>> = pictures.iter().map(seen).collect();
         drop(pictures);
+        let vectors = vectors(args, &model, resolution, &folder)?;
+        if vectors.len() > 1 {
+            across::measure(name, &vectors, &points.concat(), &mut report)?;
+        }
         let map = scenes::open(&file)?;
         let resident = map.preload()?;
-        let vector = args.vector.as_deref().map(|file| Vector::open(file, resolution)).transpose()?;
+        let vector = vectors.into_iter().find(|v| v.resolution() == resolution);
         let bench = Bench { name, resolution, log2, resident, map, vector, arrays: Arrays::default() };
         let bench = bench.with_arrays();
         for (i, texels) in [in_views, at_random].iter().enumerate() {
@@ -110,17 +125,35 @@ struct Vector {
 }
 
 impl Vector {
-    fn open(file: &std::path::Path, resolution: u64) -> Result<Self, Failure> {
+    fn open(file: &std::path::Path) -> Result<Self, Failure> {
         let map = scenes::open(file)?;
-        let (kind, found) = (map.structure().kind(), u64::from(map.resolution()));
-        if kind != Kind::Vector || found != resolution {
-            let what =
-                format!("{}: kind {} at {found}; kind vector at {resolution} is wanted", file.display(), kind.name());
-            return Err(Failure::input(what));
+        let kind = map.structure().kind();
+        if kind != Kind::Vector {
+            return Err(Failure::input(format!("{}: kind {}; kind vector is wanted", file.display(), kind.name())));
         }
         let resident = map.preload()?;
         Ok(Self { map, resident, file_bytes: std::fs::metadata(file).map_or(0, |m| m.len()) })
     }
+
+    fn resolution(&self) -> u64 {
+        self.map.resolution().into()
+    }
+}
+
+/// The files that were given, or with `--full` two that are baked here, by rising resolution.
+fn vectors(args: &Args, model: &Model, resolution: u64, folder: &Folder) -> Result<Vec<Vector>, Failure> {
+    let mut vectors = Vec::new();
+    for file in &args.vectors {
+        vectors.push(Vector::open(file)?);
+    }
+    if args.full && vectors.is_empty() {
+        for resolution in [resolution, LARGE] {
+            let (_, file) = model.bake_as(Kind::Vector, LIGHTS[0], resolution, folder)?;
+            vectors.push(Vector::open(&file)?);
+        }
+    }
+    vectors.sort_by_key(Vector::resolution);
+    Ok(vectors)
 }
 
 struct Bench<'a> {
@@ -215,7 +248,7 @@ impl Bench<'_> {
         let mut lazily = || sum(texels, |t| lazy(&self.map, t));
         let mut first = || {
             if let Some(map) = fresh.pop() {
-                sum(texels, |t| lazy(&map, t));
+                sum_once(texels, |t| lazy(&map, t));
             }
         };
         let mut candidates: Vec<&mut dyn FnMut()> =
@@ -232,6 +265,8 @@ impl Bench<'_> {
         }
         candidates.extend(vector_runs.iter_mut().map(|r| &mut **r as &mut dyn FnMut()));
         let samples = Samples::take(ROUNDS, &mut candidates);
+        let once = |pass: &str| if pass == "first" { texels.len() } else { texels.len() * passes(texels) };
+        let samples: Vec<Samples> = methods.iter().zip(&samples).map(|(m, s)| s.each(once(m.2))).collect();
         let mut table = Table::new(
             &format!(
                 "{}, {} a side, {case}: {} lookups, {ROUNDS} rounds",
@@ -241,24 +276,23 @@ impl Bench<'_> {
             ),
             &["method", "level", "pass", "ns", "min..max", "ratio", "min..max"],
         );
-        let per = 1e9 / texels.len() as f64;
         let base = samples[0].clone();
         for ((method, level, pass, held), s) in methods.iter().zip(&samples) {
-            let (ns, ratio) = (s.median() * per, s.median() / base.median());
+            let (ns, ratio) = (s.median(), s.median() / base.median());
             let ([low, high], [least, most]) = (s.spread(), s.over(&base).spread());
             table.push([
                 method.to_string(),
                 level.to_string(),
                 pass.to_string(),
                 format!("{ns:.2}"),
-                format!("{:.2}..{:.2}", low * per, high * per),
+                format!("{low:.2}..{high:.2}"),
                 format!("{ratio:.2}"),
                 format!("{least:.2}..{most:.2}"),
             ]);
             report.rows.push(json!({
                 "scene": self.name, "resolution": self.resolution, "case": case, "method": method, "level": level,
                 "pass": pass, "bytes_held": held,
-                "lookups": texels.len(), "ns": ns, "ns_min": low * per, "ns_max": high * per,
+                "lookups": texels.len(), "ns": ns, "ns_min": low, "ns_max": high,
                 "ratio": ratio, "ratio_min": least, "ratio_max": most,
             }));
         }
@@ -273,9 +307,22 @@ impl Bench<'_> {
     }
 }
 
-/// One pass; the sum keeps the lookups.
+/// Passes over a list in one round.
+fn passes(texels: &[Texel]) -> usize {
+    LOOKUPS.div_ceil(texels.len().max(1))
+}
+
+/// As many passes as make [`LOOKUPS`].
 #[inline(always)]
 fn sum(texels: &[Texel], mut lookup: impl FnMut(Texel) -> u32) {
+    for _ in 0..passes(texels) {
+        sum_once(texels, &mut lookup);
+    }
+}
+
+/// One pass; the sum keeps the lookups.
+#[inline(always)]
+fn sum_once(texels: &[Texel], mut lookup: impl FnMut(Texel) -> u32) {
     let mut total = 0u32;
     for &t in black_box(texels) {
         total = total.wrapping_add(lookup(t));

@@ -49,6 +49,7 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
         ([], true) => vec![4096, 16384, 65536],
         (given, _) => given.to_vec(),
     };
+    let light = args.light.unwrap_or(LIGHTS[0]);
     let folder = Folder::new()?;
     let mut series: Vec<Series> = Vec::new();
     for name in scenes::names(&args.scenes, &SCENES) {
@@ -56,11 +57,11 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
         let mut curves = ["mh", "f32", "zstd", "vector"]
             .map(|k| Series { name: if k == "f32" { k.to_string() } else { format!("{name} {k}") }, points: vec![] });
         for &resolution in &resolutions {
-            let (vector, file, took) = timed(&model, Kind::Vector, resolution, &folder)?;
+            let (vector, file, took) = timed(&model, Kind::Vector, light, resolution, &folder)?;
             remove(&file)?;
-            let (baked, file, mh_took) = timed(&model, Kind::Mh, resolution, &folder)?;
-            let light = &baked.lights[0];
-            let paper = 4 * light.nodes[0] + 8 * light.nodes[1] + 4 * light.nodes[2];
+            let (baked, file, mh_took) = timed(&model, Kind::Mh, light, resolution, &folder)?;
+            let found = &baked.lights[0];
+            let paper = 4 * found.nodes[0] + 8 * found.nodes[1] + 4 * found.nodes[2];
             let dense = vector.bytes as f64 / paper as f64;
             kinds.push([
                 name.to_string(),
@@ -73,22 +74,22 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
                 format!("{took:.1}"),
                 format!("{mh_took:.1}"),
             ]);
-            let nodes: u64 = light.nodes.iter().sum();
+            let nodes: u64 = found.nodes.iter().sum();
             let raw = 4 * resolution * resolution;
             let zstd = compressed(&baked.last)?;
             let texels = (resolution * resolution) as f64;
-            let edge = light.counts.edge_texels as f64 / texels;
+            let edge = found.counts.edge_texels as f64 / texels;
             let ratio = |n: u64| n as f64 / baked.bytes as f64;
             table.push([
                 name.to_string(),
                 side(resolution),
                 bytes(baked.bytes),
-                light.nodes[0].to_string(),
-                light.nodes[1].to_string(),
-                light.nodes[2].to_string(),
+                found.nodes[0].to_string(),
+                found.nodes[1].to_string(),
+                found.nodes[2].to_string(),
                 format!("{:.2}", baked.bytes as f64 / nodes as f64),
                 format!("{:.3}", baked.bytes as f64 * 8.0 / texels),
-                light.pages.to_string(),
+                found.pages.to_string(),
                 format!("{:.3}", edge * 100.0),
                 bytes(raw),
                 format!("{:.1}", ratio(raw)),
@@ -96,10 +97,10 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
                 format!("{:.2}", ratio(zstd)),
             ]);
             report.rows.push(json!({
-                "scene": name, "light": LIGHTS[0], "resolution": resolution, "bytes": baked.bytes,
-                "leaf": light.nodes[0], "inner": light.nodes[1], "empty": light.nodes[2],
-                "bytes_per_node": baked.bytes as f64 / nodes as f64, "pages": light.pages, "edge_share": edge,
-                "thin_texels": light.counts.thin_texels, "triangles": baked.triangles,
+                "scene": name, "light": light, "policy": model.policy.to_string(), "resolution": resolution, "bytes": baked.bytes,
+                "leaf": found.nodes[0], "inner": found.nodes[1], "empty": found.nodes[2],
+                "bytes_per_node": baked.bytes as f64 / nodes as f64, "pages": found.pages, "edge_share": edge,
+                "thin_texels": found.counts.thin_texels, "triangles": baked.triangles,
                 "f32_bytes": raw, "f32_ratio": ratio(raw), "zstd_bytes": zstd, "zstd_ratio": ratio(zstd),
                 "vector_bytes": vector.bytes, "paper_bytes": paper, "vector_ratio": dense, "vector_s": took, "mh_s": mh_took,
             }));
@@ -131,9 +132,15 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
 }
 
 /// A bake and its seconds.
-fn timed(model: &Model, kind: Kind, resolution: u64, folder: &Folder) -> Result<(Baked, PathBuf, f64), Failure> {
+fn timed(
+    model: &Model,
+    kind: Kind,
+    light: [f64; 3],
+    resolution: u64,
+    folder: &Folder,
+) -> Result<(Baked, PathBuf, f64), Failure> {
     let start = Instant::now();
-    let (baked, file) = model.bake_as(kind, LIGHTS[0], resolution, folder)?;
+    let (baked, file) = model.bake_as(kind, light, resolution, folder)?;
     Ok((baked, file, start.elapsed().as_secs_f64()))
 }
 

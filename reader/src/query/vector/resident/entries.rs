@@ -1,0 +1,362 @@
+//! Entries ready to be evaluated: a plane in 16 bytes, a line and its two sides in one line of cache, found without a
+//! branch on which of both it is.
+//!
+//! Places count from the corner of the map: what lies between the corners of map and page is in `c`, together with
+//! what else is the same everywhere, which keeps every rounding as it is: floor(a / n) + b = floor((a + b * n) / n).
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation
+)]
+
+use umbrage_format::kind::vector::entry::PLANE_MAX;
+use umbrage_format::kind::vector::{Header, Layout, Line, Plane, eval};
+use umbrage_format::projection::UNCOVERED;
+
+/// Bit of a reference: it is to a line, whose sides are the two slots behind it. The bits below are the slot's number.
+pub(super) const SPLIT: u32 = 1 << 29;
+
+/// A function `a * x + b * y + c` of the place.
+///
+/// Of a line: negative beyond it. Of a plane: the value times a power of two, not clamped; `a` and `b` hold
+/// 25 bits above 7, which in `a` are the power and in `b` what the slot is.
+#[derive(Clone, Copy, Debug)]
+struct Slot {
+    c: i64,
+    a: i32,
+    b: i32,
+}
+
+/// Bits below the gradients of a plane.
+const LOW: u32 = 7;
+/// Low bits of `b`: a plane that is clamped to [`PLANE_MAX`].
+const PLANE: i32 = 0;
+/// A constant, which may be one more.
+const CONSTANT: i32 = 1;
+/// `c` is a reference.
+const NEXT: i32 = 2;
+/// `c` is a number of `others`.
+const OTHER: i32 = 3;
+
+/// Four slots in a line of cache; a line and its sides never lie in two.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+struct Four([Slot; 4]);
+
+const FREE: Slot = Slot { c: 0, a: 0, b: CONSTANT };
+
+/// What no slots hold. Sides and entries are references.
+#[derive(Clone, Copy, Debug)]
+enum Other {
+    /// As a slot, with products that need more than 64 bits.
+    Plane {
+        c: i128,
+        a: i32,
+        b: i32,
+        shift: u8,
+    },
+    /// The same of a line.
+    Split {
+        c: i128,
+        a: i32,
+        b: i32,
+        sides: [u32; 2],
+    },
+    /// `from` is the texel of the page's corner, of its 4 x 4.
+    Mask {
+        entries: [u32; 3],
+        selectors: u32,
+        from: (u8, u8),
+    },
+    Raw {
+        raw: u32,
+        from: (u8, u8),
+    },
+}
+
+/// Number of the texel of 4 x 4 that a place lies in.
+#[inline]
+fn cell(x: i64, y: i64, from: (u8, u8)) -> u32 {
+    let part = |v: i64, from: u8| u32::from(((v >> 8).to_le_bytes()[0]).wrapping_sub(from) & 3);
+    part(y, from.1) << 2 | part(x, from.0)
+}
+
+/// The entries of all pages that nodes refer to.
+#[derive(Debug, Default)]
+pub(super) struct Entries {
+    slots: Vec<Four>,
+    /// Slots that are free: the last of each line.
+    free: Vec<u32>,
+    others: Vec<Other>,
+    /// The depths of raws.
+    raws: Vec<[u32; 16]>,
+}
+
+/// A page's palette, whose entries come in as they are referred to.
+#[derive(Debug)]
+pub(super) struct Palette<'a> {
+    pub(super) page: &'a [u32],
+    pub(super) layout: Layout,
+    /// First place of the footprint.
+    corner: [i64; 2],
+    /// Places on a side, at least.
+    side: i64,
+    /// By number.
+    known: Vec<Option<u32>>,
+}
+
+impl<'a> Palette<'a> {
+    pub(super) fn new(page: &'a [u32], origin: (u32, u32)) -> Self {
+        let [_, _, level, _] = page.get(1).copied().unwrap_or(0).to_le_bytes();
+        let known = vec![None; Header::decode(page).palette() as usize];
+        let corner = [i64::from(origin.0) << 8, i64::from(origin.1) << 8];
+        Self { page, layout: Layout::of(page), corner, side: 512 << level.min(31), known }
+    }
+
+    /// A function of the place in the page as one of the place in the map.
+    fn moved(&self, a: i32, b: i32, c: i128) -> i128 {
+        let [x, y] = self.corner.map(i128::from);
+        c - i128::from(a) * x - i128::from(b) * y
+    }
+
+    /// Whether a function fits 64 bits at every place of the page; it is largest and smallest at corners. Sums on the
+    /// way may wrap.
+    fn fits(&self, a: i32, b: i32, c: i128) -> Option<i64> {
+        let fits = |x: i64, y: i64| i64::try_from(i128::from(a) * i128::from(x) + i128::from(b) * i128::from(y) + c);
+        let [x, y] = self.corner;
+        let all = [(0, 0), (self.side, 0), (0, self.side), (self.side, self.side)];
+        let inside = all.iter().all(|(dx, dy)| fits(x + dx, y + dy).is_ok());
+        if inside { i64::try_from(c).ok() } else { None }
+    }
+
+    fn corner_texel(&self) -> (u8, u8) {
+        let [x, y] = self.corner.map(|v| (v >> 8).to_le_bytes()[0] & 3);
+        (x, y)
+    }
+
+    /// `(a, b, c)` of a line, negative beyond it: T * 2^12 >= c + floor(m * U / 2^19) is
+    /// m * U - T * 2^31 + (c - 1) * 2^19 < 0.
+    fn line(&self, l: &Line) -> (i32, i32, i128) {
+        let (a, b) = if l.axis { (i32::MIN, l.m) } else { (l.m, i32::MIN) };
+        (a, b, self.moved(a, b, (i128::from(l.c) - 1) << 19))
+    }
+
+    fn plane(&self, p: &Plane) -> i128 {
+        self.moved(p.gx, p.gy, i128::from(p.offset) << p.shift)
+    }
+}
+
+impl Entries {
+    /// Reference to entry `number` of a palette.
+    pub(super) fn add(&mut self, palette: &mut Palette<'_>, number: u32) -> u32 {
+        if let Some(known) = palette.known.get(number as usize).copied().flatten() {
+            return known;
+        }
+        let (page, layout) = (palette.page, &{ palette.layout });
+        let simple = number < layout.first_split.into();
+        let reference = if !simple && number < layout.first_mask.into() {
+            let s = eval::split(page, layout, number);
+            let (a, b, c) = palette.line(&eval::line(page, layout, s.line));
+            match palette.fits(a, b, c) {
+                Some(c) => {
+                    let [near, far] = [s.a, s.b].map(|n| self.slot(palette, n.into()));
+                    let at = count(&self.slots) * 4;
+                    self.slots.push(Four([Slot { c, a, b }, near, far, FREE]));
+                    self.free.push(at + 3);
+                    at | SPLIT
+                }
+                None => {
+                    let sides = [s.a, s.b].map(|n| self.add(palette, n.into()));
+                    let slot = self.other(Other::Split { c, a, b, sides });
+                    self.put(slot)
+                }
+            }
+        } else {
+            let slot = self.slot(palette, number);
+            self.put(slot)
+        };
+        if let Some(known) = palette.known.get_mut(number as usize) {
+            *known = Some(reference);
+        }
+        reference
+    }
+
+    /// An entry as a side, or alone.
+    fn slot(&mut self, palette: &mut Palette<'_>, number: u32) -> Slot {
+        let (page, layout) = (palette.page, &{ palette.layout });
+        if number < layout.first_plane.into() {
+            return Self::constant(eval::value(page, layout, number, 0, 0));
+        }
+        if number < layout.first_split.into() {
+            let p = eval::plane(page, layout, number);
+            let c = palette.plane(&p);
+            return match palette.fits(p.gx, p.gy, c) {
+                Some(c) => Slot { c, a: p.gx << LOW | i32::from(p.shift), b: p.gy << LOW | PLANE },
+                None => self.other(Other::Plane { c, a: p.gx, b: p.gy, shift: p.shift }),
+            };
+        }
+        if number < layout.first_mask.into() {
+            return Slot { c: self.add(palette, number).into(), a: 0, b: NEXT };
+        }
+        let from = palette.corner_texel();
+        if number < layout.first_raw.into() {
+            let m = eval::mask(page, layout, number);
+            let entries = m.entries.map(|n| self.add(palette, n.into()));
+            return self.other(Other::Mask { entries, selectors: m.selectors, from });
+        }
+        let raw = count(&self.raws);
+        let cell = |n: i64| eval::value(page, layout, number, (n & 3) << 8, (n >> 2) << 8);
+        self.raws.push(std::array::from_fn(|n| cell(i64::try_from(n).unwrap_or(0))));
+        self.other(Other::Raw { raw, from })
+    }
+
+    fn constant(v: u32) -> Slot {
+        Slot { c: v.into(), a: 0, b: CONSTANT }
+    }
+
+    fn other(&mut self, other: Other) -> Slot {
+        self.others.push(other);
+        Slot { c: i64::from(count(&self.others) - 1), a: 0, b: OTHER }
+    }
+
+    /// Reference to a slot that stands alone, in one that is free.
+    fn put(&mut self, slot: Slot) -> u32 {
+        let at = self.free.pop().unwrap_or_else(|| {
+            let at = count(&self.slots) * 4;
+            self.slots.push(Four([FREE; 4]));
+            self.free.extend([at + 3, at + 2, at + 1]);
+            at
+        });
+        if let Some(place) = self.slots.get_mut(at as usize / 4).and_then(|f| f.0.get_mut(at as usize % 4)) {
+            *place = slot;
+        }
+        at
+    }
+
+    /// A reference to the same value everywhere.
+    pub(super) fn put_constant(&mut self, v: u32) -> u32 {
+        self.put(Self::constant(v))
+    }
+
+    /// Gives back what building took.
+    pub(super) fn finish(&mut self) {
+        self.free = Vec::new();
+        self.slots.shrink_to_fit();
+        self.others.shrink_to_fit();
+        self.raws.shrink_to_fit();
+    }
+
+    /// Value at a place of the map.
+    #[inline]
+    pub(super) fn value(&self, mut reference: u32, x: i64, y: i64) -> u32 {
+        // Splits are at most four deep.
+        loop {
+            let at = reference & (SPLIT - 1);
+            let Some(Four(slots)) = self.slots.get((at >> 2) as usize) else { return UNCOVERED };
+            let slot = |n: u32| slots.get((n & 3) as usize).unwrap_or(&FREE);
+            // No branch: of a slot that stands alone the sign means nothing, and is not asked for.
+            let split = u32::from(reference & SPLIT != 0);
+            let beyond = u32::from(slot(at).at(x, y) < 0);
+            let found = slot(at + split + (split & beyond));
+            match found.b & ((1 << LOW) - 1) {
+                PLANE | CONSTANT => return found.plane(x, y),
+                NEXT => reference = found.number(),
+                _ => return self.other_value(found.number(), x, y),
+            }
+        }
+    }
+
+    #[inline(never)]
+    fn other_value(&self, number: u32, x: i64, y: i64) -> u32 {
+        let wide = |c: i128, a: i32, b: i32| i128::from(a) * i128::from(x) + i128::from(b) * i128::from(y) + c;
+        match self.others.get(number as usize) {
+            Some(Other::Plane { c, a, b, shift }) => {
+                let v = (wide(*c, *a, *b) >> (shift & 63)).clamp(0, PLANE_MAX.into());
+                u32::try_from(v).unwrap_or(UNCOVERED)
+            }
+            Some(Other::Split { c, a, b, sides: [near, far] }) => {
+                self.value(if wide(*c, *a, *b) < 0 { *far } else { *near }, x, y)
+            }
+            Some(Other::Mask { entries: [a, b, c], selectors, from }) => {
+                let entry = match selectors >> (2 * cell(x, y, *from)) & 3 {
+                    0 => a,
+                    1 => b,
+                    _ => c,
+                };
+                self.value(*entry, x, y)
+            }
+            Some(Other::Raw { raw, from }) => {
+                let depth = self.raws.get(*raw as usize).and_then(|r| r.get(cell(x, y, *from) as usize));
+                depth.copied().unwrap_or(UNCOVERED)
+            }
+            None => UNCOVERED,
+        }
+    }
+
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        self.slots.len() * size_of::<Four>() + self.others.len() * size_of::<Other>() + self.raws.len() * 64
+    }
+}
+
+impl Slot {
+    /// The function of a line.
+    #[inline]
+    fn at(&self, x: i64, y: i64) -> i64 {
+        Self::sum(self.a, self.b, self.c, x, y)
+    }
+
+    /// May wrap on the way, and not in the end: [`Palette::fits`].
+    #[inline]
+    fn sum(a: i32, b: i32, c: i64, x: i64, y: i64) -> i64 {
+        i64::from(a).wrapping_mul(x).wrapping_add(i64::from(b).wrapping_mul(y)).wrapping_add(c)
+    }
+
+    #[inline]
+    fn plane(&self, x: i64, y: i64) -> u32 {
+        let v = Self::sum(self.a >> LOW, self.b >> LOW, self.c, x, y) >> (self.a & 63);
+        // Clamped to 32 bits.
+        let [a, b, c, d, ..] = v.clamp(0, PLANE_MAX + i64::from(self.b & 1)).to_le_bytes();
+        u32::from_le_bytes([a, b, c, d])
+    }
+
+    /// The reference or number in `c`.
+    #[inline]
+    fn number(&self) -> u32 {
+        let [a, b, c, d, ..] = self.c.to_le_bytes();
+        u32::from_le_bytes([a, b, c, d])
+    }
+}
+
+/// A length as a number; all arrays are held to 32 bits by their words.
+pub(super) fn count<T>(list: &[T]) -> u32 {
+    u32::try_from(list.len()).unwrap_or(u32::MAX)
+}
+
+/// Bytes that a page's palette takes, at most. With those of the nodes that refer to it more than 32 for each slot: 32 bits
+/// of words, the most that a map may hold, have fewer slots than a reference reaches.
+pub(super) fn bytes_held(h: &Header) -> u64 {
+    let (slot, four, other) = (size_of::<Slot>() as u64, size_of::<Four>() as u64, size_of::<Other>() as u64);
+    let each = [
+        (h.constants, slot),
+        (h.planes, slot + other),
+        (h.splits, four + other + slot),
+        (h.masks, slot + other),
+        (h.raws, slot + other + 64),
+    ];
+    each.iter().map(|(n, bytes)| u64::from(*n) * bytes).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lookups count on it for their speed, limits for their sums.
+    #[test]
+    fn a_line_and_its_sides_lie_in_one_line_of_cache() {
+        assert_eq!((size_of::<Slot>(), size_of::<Four>(), align_of::<Four>()), (16, 64, 64));
+    }
+}
