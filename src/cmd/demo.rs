@@ -38,7 +38,7 @@ pub struct Args {
 }
 
 /// The most that ends well within a minute on two cores.
-const RESOLUTION: u64 = 65536;
+const RESOLUTION: u64 = 1048576;
 const SCENE: &str = "city:1";
 const SIZE: [u32; 2] = [1280, 720];
 

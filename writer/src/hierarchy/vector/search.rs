@@ -65,14 +65,6 @@ const MOST_FACTS: usize = 24;
 /// Texels that are looked at one by one, for each texel of the square's side.
 const MOST_TIPS: f64 = 12.0;
 
-/// Most silhouette edges in sight of a square of this level that is cut: with more, next to none has an answer.
-fn most_seen(level: u8) -> usize {
-    match level {
-        0..=BLOCK_LEVEL => 1,
-        _ => 3,
-    }
-}
-
 /// A line through a square.
 #[derive(Clone, Copy)]
 struct Cut {
@@ -278,7 +270,7 @@ impl<'a> Search<'a> {
             return None;
         }
         let candidates = self.candidates(list, region, path);
-        if path.is_empty() && self.seen(list, &candidates) > most_seen(level) {
+        if path.is_empty() && self.is_crowded(list, &candidates, p, size) {
             return None;
         }
         // one line alone: see NOTES.md

@@ -1,6 +1,6 @@
 //! Edges along which a square is cut, and the lines that are stored for them.
 
-use super::{BEND, Cut, MOST_CREASES, Search};
+use super::{BEND, BLOCK_LEVEL, Cut, MOST_CREASES, Search};
 use crate::hierarchy::vector::entry::Line;
 use crate::hierarchy::vector::segment::clip_segment;
 use crate::interval::Event;
@@ -8,10 +8,11 @@ use crate::interval::proof::{HalfPlane, Region};
 
 /// An edge along which a region may be cut.
 pub(super) struct Candidate {
-    /// Its depth in the middle of its part in the region.
+    /// Depth in the middle of its part in the region.
     z: f64,
-    middle: [i64; 2],
-    /// What rounding the middle makes, in depth.
+    /// That part's ends, and the middle between them, with depths.
+    places: [[i64; 3]; 3],
+    /// What rounding these makes, in depth.
     slack: f64,
     pub(super) cut: Cut,
 }
@@ -42,16 +43,56 @@ impl Search<'_> {
         found
     }
 
-    /// How many of the edges nothing hides.
-    pub(super) fn seen(&self, list: &[u32], edges: &[Candidate]) -> usize {
-        edges.iter().filter(|c| !self.is_hidden(list, c)).count()
+    /// Whether next to no square of this level with so much in sight is answered by one entry. `edges` are all silhouette
+    /// edges through it. Figures: NOTES.md.
+    pub(super) fn is_crowded(&self, list: &[u32], edges: &[Candidate], p: [i64; 2], size: i64) -> bool {
+        let level = (size >> self.scale.subtexel_bits).trailing_zeros();
+        let (mut lines, mut broken) = (0, 0);
+        for edge in edges {
+            lines += usize::from(!self.is_hidden(list, edge.places[1], edge.slack));
+            let [from, _, to] = edge.places.map(|q| self.is_hidden(list, q, edge.slack));
+            // somewhere in the square it runs into something
+            broken += usize::from(from != to);
+            if lines > 3 {
+                return true;
+            }
+        }
+        if level <= u32::from(BLOCK_LEVEL) {
+            return lines > 1 || broken > 0 || (lines > 0 && self.vertices(list, p, size, 1) > 0);
+        }
+        if broken > 1 || (broken > 0 && lines == 0) {
+            return true;
+        }
+        let most = if level == 3 && lines > 1 { 1 } else { 2 };
+        lines > 0 && self.vertices(list, p, size, most) >= most
     }
 
-    /// Whether something lies in front of the middle of an edge.
-    fn is_hidden(&self, list: &[u32], edge: &Candidate) -> bool {
-        let [x, y] = edge.middle;
+    /// How many corners of surfaces are in sight inside a square; counted up to `most`.
+    fn vertices(&self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> usize {
+        let mut seen: Vec<[i64; 3]> = Vec::new();
+        for l in list.iter().map(|i| self.local(*i)).filter(|l| l.event != Event::Wall) {
+            let s = &self.rays.surfaces[l.index as usize];
+            for k in 0..3 {
+                let v = [0, 1].map(|i| i64::from(if i == 0 { s.x[k] } else { s.y[k] }) - self.rays.corner[i]);
+                let q = [v[0], v[1], i64::from(s.z[k])];
+                let inside = (0..2).all(|i| p[i] < v[i] && v[i] < p[i] + size);
+                if inside && !seen.contains(&q) && !self.is_hidden(list, q, 4.0 + l.eps) {
+                    seen.push(q);
+                    if seen.len() >= most {
+                        return most;
+                    }
+                }
+            }
+        }
+        seen.len()
+    }
+
+    /// Whether something lies in front of a place by more than `slack`.
+    fn is_hidden(&self, list: &[u32], [x, y, z]: [i64; 3], slack: f64) -> bool {
         list.iter().map(|i| self.local(*i)).any(|l| {
-            l.event != Event::Wall && l.covers(x, y, 1, 1) && l.approximate(x, y) + l.eps + edge.slack < edge.z
+            l.event != Event::Wall
+                && l.covers(x, y, 1, 1)
+                && l.approximate(x, y) + l.eps + slack + 2.0 * (l.sx.abs() + l.sy.abs()) < z as f64
         })
     }
 
@@ -72,8 +113,13 @@ impl Search<'_> {
         let line = Line::through(a, b, self.scale)?;
         let beyond = if line.axis { inside.a > 0 } else { inside.b > 0 };
         let slack = 2.0 + l.eps + 2.0 * (l.sx.abs() + l.sy.abs());
-        let middle = middle.map(|m| m.round() as i64);
-        Some(Candidate { z, middle, slack, cut: Cut { inside, line, beyond, crease: false } })
+        let place = |q: [f64; 2]| [q[0].round() as i64, q[1].round() as i64, (l.z0 + l.sx * q[0] + l.sy * q[1]) as i64];
+        Some(Candidate {
+            z,
+            places: [part[0], middle, part[1]].map(place),
+            slack,
+            cut: Cut { inside, line, beyond, crease: false },
+        })
     }
 
     /// Edges between two faces of the front, or of the end behind it, through the region.
