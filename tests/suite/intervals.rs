@@ -81,7 +81,7 @@ fn check_vector(mesh: &Mesh, direction: [f64; 3], resolution: u32, policy: Polic
     let region = Region { x: 0, y: 0, width: resolution, height: resolution };
     let page = |o: u32| {
         let page = &pages[o as usize];
-        Some(PageView { words: &page.draft.words, first_child: page.first_child })
+        Some(PageView { words: &page.draft.words, first_child: page.first_child, dependencies: &[] })
     };
     let t = oracle.check(region, |x, y| descend(page, 0, k, x, y, 0).value);
     assert_eq!(t.wrong, 0, "{direction:?} {resolution} {policy:?}: {:?}", t.examples);

@@ -118,6 +118,7 @@ fn a_direction_of_any_length_becomes_a_unit_vector() {
             policy: Policy::Thickness(0.5),
             kind: umbrage::format::Kind::Mh,
             exhaustive: false,
+            mmh: Default::default(),
             memory_bytes: None,
         };
         let path = folder.0.join("map.umb");

@@ -36,7 +36,11 @@ pub fn compare(answered: &Answered, structure: &Structure, root: u32, queries: &
     }
     let lookup = |o: u32| {
         let page = pages.get(o as usize)?.as_ref()?;
-        Some(PageView { words: page.words(), first_child: page.record().first_child.get() })
+        Some(PageView {
+            words: page.words(),
+            first_child: page.record().first_child.get(),
+            dependencies: page.dependencies(),
+        })
     };
     let mut seen = [0; 3];
     for (query, answer) in queries.iter().zip(answers) {

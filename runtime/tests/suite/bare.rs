@@ -180,7 +180,7 @@ fn places_inside_texels_answer_as_twin_reader_and_naive_tree() {
             .collect();
         let lookup = |o: u32| {
             let page = pages.get(o as usize)?;
-            Some(PageView { words: page, first_child: first_children[o as usize] })
+            Some(PageView { words: page, first_child: first_children[o as usize], dependencies: &[] })
         };
         for (l, a) in lookups.iter().zip(bare.ask(&pool, &lookups)) {
             let ([x, y], sub) = (l.at, l.sub.unwrap_or_default().map(|s| s as u8));

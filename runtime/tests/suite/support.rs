@@ -45,6 +45,7 @@ pub fn city(path: &Path, resolution: u64) -> Vec<u8> {
         policy: Policy::Closed,
         kind: umbrage_format::Kind::Mh,
         exhaustive: false,
+        mmh: Default::default(),
         memory_bytes: None,
     };
     bake(&mesh, &options, path, &Progress::default()).unwrap();

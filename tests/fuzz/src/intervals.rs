@@ -178,7 +178,7 @@ const GUARD: u32 = 2;
 fn stored(pages: &[(Vec<u32>, u32)], log2: u8, x: u32, y: u32) -> u32 {
     let view = |o: u32| {
         let (words, first_child) = pages.get(o as usize)?;
-        Some(PageView { words, first_child: *first_child })
+        Some(PageView { words, first_child: *first_child, dependencies: &[] })
     };
     descend(view, 0, log2, x, y, 0).value
 }

@@ -121,7 +121,7 @@ pub fn run(data: &[u8]) {
     let counts = check(&page, &head, &cx);
     // Ends on any words, and names no place outside the page.
     let lookup = |x, y, l| {
-        let view = PageView { words: &page, first_child: 2 };
+        let view = PageView { words: &page, first_child: 2, dependencies: &[] };
         // A page that is not the root's is entered in its own right.
         descend(|o| (o == 0).then_some(view), 0, level, x, y, l)
     };

@@ -136,8 +136,31 @@ struct Context<'a> {
     second_surface: bool,
     exhaustive: bool,
     guard: u32,
-    spool: &'a Spool,
+    hold: Hold<'a>,
     progress: &'a Progress,
+}
+
+/// What becomes of groups while a tree is built.
+#[derive(Clone, Copy)]
+pub(crate) enum Hold<'a> {
+    /// They are cut into pages as soon as there are enough of them.
+    Pages(&'a Spool),
+    /// They stay, with the intervals of their values.
+    Whole,
+}
+
+impl Hold<'_> {
+    fn failed(self) -> bool {
+        matches!(self, Hold::Pages(spool) if spool.has_failed())
+    }
+
+    /// Counts what a finished part holds.
+    fn count(self, forest: &Forest, progress: &Progress) {
+        match self {
+            Hold::Pages(spool) => progress.hold(forest, spool),
+            Hold::Whole => progress.take(forest.bytes()),
+        }
+    }
 }
 
 pub(crate) struct Part {
@@ -151,6 +174,30 @@ pub(crate) struct Part {
 /// # Errors
 /// [`Stop`]: cancelled, over the budget, or the spool failed.
 pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Progress) -> Result<Tree, Stop> {
+    let part = run(mesh, options, Hold::Pages(&spool), progress);
+    let part = part.map(|p| (p.forest.finish(p.node, mesh.lattice.log2_resolution, &spool), p.counts));
+    match (spool.failed(), part) {
+        (Some(e), _) => Err(Stop::Spool(e)),
+        (None, Some((root, counts))) => Ok(Tree { spool, root, counts }),
+        (None, None) => Err(stopped(progress)),
+    }
+}
+
+/// Builds the `mh` tree of a mesh and holds all of it, with the intervals of its values, and its root node.
+///
+/// # Errors
+/// [`Stop`]: cancelled or over the budget.
+pub fn build_whole(mesh: &SnappedMesh, options: Options, progress: &Progress) -> Result<(Forest, Node, Counts), Stop> {
+    let part = run(mesh, options, Hold::Whole, progress).ok_or_else(|| stopped(progress))?;
+    Ok((part.forest, part.node, part.counts))
+}
+
+/// Why a build ended early.
+pub(crate) fn stopped(progress: &Progress) -> Stop {
+    if progress.cancel.load(Ordering::Relaxed) { Stop::Cancelled } else { Stop::Budget }
+}
+
+fn run(mesh: &SnappedMesh, options: Options, hold: Hold<'_>, progress: &Progress) -> Option<Part> {
     let surfaces = surfaces(mesh);
     let cx = Context {
         surfaces: &surfaces,
@@ -159,19 +206,11 @@ pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Prog
         second_surface: mesh.second_surface,
         exhaustive: options.exhaustive,
         guard: options.guard,
-        spool: &spool,
+        hold,
         progress,
     };
     let all: Vec<u32> = (0..surfaces.len() as u32).collect();
-    let at = At { level: cx.resolution_log2, origin: [0, 0] };
-    let part = cx.part(at, &all);
-    let part = part.map(|p| (p.forest.finish(p.node, cx.resolution_log2, &spool), p.counts));
-    match (spool.failed(), part) {
-        (Some(e), _) => Err(Stop::Spool(e)),
-        (None, Some((root, counts))) => Ok(Tree { spool, root, counts }),
-        (None, None) if progress.cancel.load(Ordering::Relaxed) => Err(Stop::Cancelled),
-        (None, None) => Err(Stop::Budget),
-    }
+    cx.part(At { level: cx.resolution_log2, origin: [0, 0] }, &all)
 }
 
 impl Context<'_> {
@@ -198,8 +237,8 @@ impl Context<'_> {
             if self.cancelled() {
                 return None;
             }
-            self.progress.hold(&part.forest, self.spool);
-            if self.spool.has_failed() {
+            self.hold.count(&part.forest, self.progress);
+            if self.hold.failed() {
                 return None;
             }
             self.done(at.level);
@@ -227,13 +266,13 @@ impl Context<'_> {
         let node = self.merge(at, &mut children, &mut forest);
         // what was cut is garbage now
         let node = forest.compact(node);
-        self.progress.hold(&forest, self.spool);
+        self.hold.count(&forest, self.progress);
         self.progress.release(released);
         Some(Part { forest, node, counts })
     }
 
     fn merge(&self, at: At, children: &mut [Node; 4], forest: &mut Forest) -> Node {
-        merge(self.resolution_log2, at, children, forest, self.spool)
+        merge(self.resolution_log2, at, children, forest, self.hold)
     }
 
     fn tile(&self, at: At, list: &[u32]) -> Part {
@@ -263,11 +302,20 @@ impl Context<'_> {
 }
 
 /// Merges and cuts, except near the root, where the complete coarse levels stay together.
-pub(crate) fn merge(resolution_log2: u8, at: At, children: &mut [Node; 4], forest: &mut Forest, spool: &Spool) -> Node {
+pub(crate) fn merge(
+    resolution_log2: u8,
+    at: At,
+    children: &mut [Node; 4],
+    forest: &mut Forest,
+    hold: Hold<'_>,
+) -> Node {
+    let groups = forest.groups.len();
     let mut node = mh::merge(*children, at.level - 1, &mut forest.groups);
     let depth = resolution_log2 - at.level;
-    if depth + 1 >= super::page::COARSE_DEPTH {
-        forest.cut(&mut node, at, children, spool);
+    match hold {
+        Hold::Pages(spool) if depth + 1 >= super::page::COARSE_DEPTH => forest.cut(&mut node, at, children, spool),
+        Hold::Whole if forest.groups.len() > groups => forest.intervals.push(children.map(|c| c.interval)),
+        _ => {}
     }
     node
 }

@@ -51,6 +51,11 @@ pub struct Span {
 }
 
 impl Span {
+    /// Bound of the lattice distance of `value` to a texel's interval.
+    pub fn stop_error(&self, value: u32) -> u32 {
+        self.low.saturating_sub(value).max(value.saturating_sub(self.high))
+    }
+
     fn join(self, o: Span) -> Span {
         Span {
             low: self.low.max(o.low),

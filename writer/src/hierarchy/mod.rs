@@ -2,11 +2,12 @@
 //!
 //! [`mh`] merges four children into a node (the paper's algorithm 2); [`build`] runs over the map and asks
 //! [`crate::interval`] for the truth; [`layers`] takes it from a depth source instead; [`page`] cuts the tree into
-//! pages and writes their words; [`spool`] holds them until all are there.
+//! pages and writes their words; [`spool`] holds them until all are there; [`mmh`] merges a whole tree before it is cut.
 
 pub mod build;
 pub mod layers;
 pub mod mh;
+pub mod mmh;
 pub mod page;
 pub mod spool;
 pub mod vector;

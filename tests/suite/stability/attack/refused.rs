@@ -36,6 +36,7 @@ impl Refused {
             policy: self.policy,
             kind,
             exhaustive: false,
+            mmh: Default::default(),
             memory_bytes: None,
         };
         bake(&self.mesh, &options, target, &Default::default())
