@@ -189,7 +189,10 @@ pub fn merge(mut m: Merged, kept: &[bool], search: u32, go_on: &(impl Fn() -> bo
 fn fix(m: &mut Merged, g: usize) {
     for c in 0..4 {
         if Mask(m.mask[g]).child(c as u32).has_value() {
-            m.value[g][c] = m.interval[g][c].middle();
+            // What others rise from lies at the far end: that brings more of them together (NOTES.md beside this
+            // file). The guard is in the interval.
+            let below = m.below[g][c] != NONE;
+            m.value[g][c] = if below { m.interval[g][c].max } else { m.interval[g][c].middle() };
         }
         let below = m.below[g][c];
         if below != NONE {

@@ -18,12 +18,13 @@ use umbrage_format::{BlockHeader, Kind, PageRecord};
 use super::merge::Merged;
 use crate::container::PageInput;
 use crate::hierarchy::mh::{NONE, Node, Span};
-use crate::hierarchy::page::{At, COARSE_DEPTH, PAGE_WORDS, ROOT_WORDS};
+use crate::hierarchy::page::{At, COARSE_DEPTH, ROOT_WORDS};
 
-/// Words from which on a shared page is full.
-pub const SHARED_WORDS: u32 = 8192;
-/// Units of a shared page that a tree page copies rather than depend on the page: most words of them together.
-pub const COPY_WORDS: u32 = 16;
+/// Words of a tree page's own groups (16 KiB); see NOTES.md beside this file.
+pub const OWN_WORDS: u32 = 4096;
+/// Words from which on a shared page is full (48 KiB), its entries included: with the last unit, of at most
+/// [`MOST_WORDS`](super::merge::MOST_WORDS), it is still a page.
+pub const SHARED_WORDS: u32 = 12288;
 
 /// Not in a page.
 const NOWHERE: u32 = u32::MAX;
@@ -50,17 +51,14 @@ impl Pages {
 
     /// Size of index blocks, as an exponent, and records in each, so that all lists of dependencies find room.
     pub fn blocks(&self) -> (u8, umbrage_format::le::U16) {
-        let lists = || self.pages.iter().map(|p| p.dependencies.len());
-        let choice = (12..=16).flat_map(|log2: u8| {
+        let lists: Vec<usize> = self.pages.iter().map(|p| p.dependencies.len()).collect();
+        let choice = (12..=16).filter_map(|log2: u8| {
             let room = (1usize << log2) - BlockHeader::BYTES;
-            let most = room / PageRecord::BYTES;
-            // Lists take less than the records; half a block of records at least.
-            (most / 5..=most).rev().filter(move |n| *n > 0).find_map(move |n| {
-                let lists: Vec<usize> = lists().collect();
-                let fits = lists.chunks(n).all(|c| n * PageRecord::BYTES + 4 * c.iter().sum::<usize>() <= room);
-                fits.then(|| (lists.len().div_ceil(n) << log2, log2, n as u16))
-            })
+            let fits = |n: &usize| lists.chunks(*n).all(|c| n * PageRecord::BYTES + 4 * c.iter().sum::<usize>() <= room);
+            let n = (1..=room / PageRecord::BYTES).rev().find(fits)?;
+            Some((lists.len().div_ceil(n) << log2, log2, n as u16))
         });
+        // A block of 64 KiB has room for one page with any list.
         choice.min().map_or((16, 1.into()), |(_, log2, n)| (log2, n.into()))
     }
 }
@@ -137,6 +135,19 @@ struct Plan<'a> {
 
 /// Makes the pages of a tree. `root_groups` are those that stay in the root page ([`root_page`]).
 pub fn pages(m: &Merged, root: Node, root_groups: &[bool], log2_resolution: u8) -> Pages {
+    // Where copies make a page too long, shorter pages have fewer references, down to a single group each.
+    let mut own_words = OWN_WORDS;
+    loop {
+        let pages = attempt(m, root, root_groups, log2_resolution, own_words);
+        let fits = |p: &PageInput| p.words.len() + p.dependencies.len() <= mmh::MAX_WORDS as usize;
+        if own_words == 0 || pages.pages.iter().all(fits) {
+            return pages;
+        }
+        own_words /= 4;
+    }
+}
+
+fn attempt(m: &Merged, root: Node, root_groups: &[bool], log2_resolution: u8, own_words: u32) -> Pages {
     let n = m.mask.len();
     let mut p = Plan {
         m,
@@ -150,7 +161,7 @@ pub fn pages(m: &Merged, root: Node, root_groups: &[bool], log2_resolution: u8) 
         range: vec![(i64::MAX, i64::MIN); n],
     };
     p.count();
-    p.cut(root_groups, log2_resolution);
+    p.cut(root_groups, log2_resolution, own_words);
     p.settle();
     p.share();
     for page in 0..p.drafts.len() {
@@ -210,7 +221,7 @@ impl Plan<'_> {
     }
 
     /// Cuts the groups with one reference into pages.
-    fn cut(&mut self, root_groups: &[bool], log2_resolution: u8) {
+    fn cut(&mut self, root_groups: &[bool], log2_resolution: u8, own_words: u32) {
         let m = self.m;
         let mut words = vec![0u32; m.mask.len()];
         let mut cut = vec![false; m.mask.len()];
@@ -224,7 +235,7 @@ impl Plan<'_> {
             // the largest first; of equal ones the first in the map
             below.sort_by_key(|t| (std::cmp::Reverse(words[*t as usize]), *t));
             for t in below {
-                if sum <= PAGE_WORDS {
+                if sum <= own_words {
                     break;
                 }
                 cut[t as usize] = true;
@@ -310,7 +321,7 @@ impl Plan<'_> {
             self.take(u as u32, &mut groups, &mut has, &|_| true);
             words += groups[before..].iter().map(|g| self.m.mask(*g).words()).sum::<u32>();
             self.home[u] = first + page;
-            if words >= SHARED_WORDS {
+            if words + groups.len() as u32 / 4 >= SHARED_WORDS {
                 self.shared.push(std::mem::take(&mut groups));
                 words = 0;
             }
@@ -352,13 +363,11 @@ impl Plan<'_> {
                 }
             }
             let words = |units: &[u32]| units.iter().map(|u| self.unit_words[*u as usize]).sum::<u32>();
-            let mut cheap: Vec<u32> = outside.iter().filter(|o| words(o.1) <= COPY_WORDS).map(|o| *o.0).collect();
-            if cheap.is_empty() && outside.len() > usize::from(mmh::MAX_DEPENDENCIES) {
-                let mut all: Vec<(u32, u32)> = outside.iter().map(|o| (words(o.1), *o.0)).collect();
-                all.sort_unstable();
-                cheap = all[..all.len() - usize::from(mmh::MAX_DEPENDENCIES)].iter().map(|a| a.1).collect();
-            }
-            if cheap.is_empty() {
+            // More pages than it may depend on: units of those with the fewest words are copied.
+            let mut all: Vec<(u32, u32)> = outside.iter().map(|o| (words(o.1), *o.0)).collect();
+            all.sort_unstable();
+            let over = all.len().saturating_sub(usize::from(mmh::MAX_DEPENDENCIES));
+            if over == 0 {
                 groups.sort_unstable();
                 let mut needs: Vec<u32> = outside.into_keys().collect();
                 needs.sort_unstable();
@@ -367,7 +376,7 @@ impl Plan<'_> {
                 (d.groups, d.needs) = (groups, needs);
                 return;
             }
-            copied.extend(cheap);
+            copied.extend(all[..over].iter().map(|a| a.1));
         }
     }
 
