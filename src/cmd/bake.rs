@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use serde_json::{Value, json};
-use umbrage::writer::bake::{BakeError, BakeOptions, Baked, Light, bake};
 use umbrage::format::Kind;
+use umbrage::writer::bake::{BakeError, BakeOptions, Baked, Light, bake};
 use umbrage::writer::container::Target;
 use umbrage::writer::hierarchy::mmh;
 use umbrage::writer::solid::Policy;
@@ -239,9 +239,10 @@ pub fn report(baked: &Baked, options: &BakeOptions, load: f64, total: f64) -> Va
 
 /// What merging did, for programs: tables 2.6 to 2.8 of Scandolo 2019.
 fn merged(r: &mmh::Report) -> Value {
-    let pairs = r.pairs.iter().enumerate().skip(1).map(|(height, p)| {
-        json!({ "height": height, "merged": p.merged, "intervals": p.intervals, "nodes": p.nodes })
-    });
+    let pairs =
+        r.pairs.iter().enumerate().skip(1).map(
+            |(height, p)| json!({ "height": height, "merged": p.merged, "intervals": p.intervals, "nodes": p.nodes }),
+        );
     json!({
         "words": r.words_before, "words_merged": r.words_merged, "words_paged": r.words_paged,
         "shared_pages": r.shared_pages, "dependencies": r.dependencies[0], "most_dependencies": r.dependencies[1],

@@ -30,6 +30,7 @@ impl File {
             policy,
             kind: Kind::Mh,
             exhaustive,
+            mmh: Default::default(),
             memory_bytes: None,
         };
         let baked = bake(&mesh, &options, &folder.join("map.umb"), &Default::default()).unwrap();

@@ -179,7 +179,8 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
         let built = match options.kind {
             Kind::Vector => vector::build::build(&snapped, how, spool(), progress).map(Built::from),
             Kind::Mmh => build_whole(&snapped, how, progress).and_then(|(forest, root, counts)| {
-                mmh::build(forest, root, counts, snapped.lattice.log2_resolution, options.mmh, progress).map(Built::Whole)
+                mmh::build(forest, root, counts, snapped.lattice.log2_resolution, options.mmh, progress)
+                    .map(Built::Whole)
             }),
             _ => build(&snapped, how, spool(), progress).map(Built::from),
         };

@@ -119,8 +119,15 @@ mod tests {
         let options = naga::back::hlsl::Options::default();
         let pipeline = naga::back::hlsl::PipelineOptions::default();
         naga::back::hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).unwrap();
-        for name in ["umb_answer(", "umb_mh(", "umb_mmh(", "umb_vector(", "umb_vector_continuous(", "umb_locate(", "InterlockedOr"]
-        {
+        for name in [
+            "umb_answer(",
+            "umb_mh(",
+            "umb_mmh(",
+            "umb_vector(",
+            "umb_vector_continuous(",
+            "umb_locate(",
+            "InterlockedOr",
+        ] {
             assert!(text.contains(name), "{name}");
         }
         let words = naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), None).unwrap();

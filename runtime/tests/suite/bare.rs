@@ -284,7 +284,7 @@ fn words_that_no_check_has_seen() {
                     [dice.roll(5) as usize];
             }
         }
-        let kind = [Kind::Vector, Kind::Vector, Kind::Vector, Kind::Mh, Kind::Stack][round % 5];
+        let kind = [Kind::Vector, Kind::Vector, Kind::Vector, Kind::Mh, Kind::Mmh, Kind::Stack][round % 6];
         // A view may lie, too.
         let log2_resolution = if dice.roll(16) == 0 { dice.roll(256) as u8 } else { log2 };
         let pool = Pool { words: &words, table: &table, kind, log2_resolution };

@@ -54,7 +54,7 @@ pub struct Args {
     /// Texels on a side instead of the suite's own ones, repeatable
     #[arg(long = "resolution", value_name = "N")]
     resolutions: Vec<u64>,
-    /// For `query`: a file of kind vector of the scene and resolution, light 0.4,-0.8,0.3, as another candidate
+    /// For `query`: a file of kind vector or mmh of the scene and resolution, light 0.4,-0.8,0.3, as another candidate
     #[arg(long, value_name = "FILE.umb")]
     vector: Option<PathBuf>,
     /// How depth intervals come from geometry: closed, one-sided, thickness:T, second-surface or auto; closed for
@@ -71,6 +71,8 @@ pub struct Args {
 enum Suite {
     /// Bytes of whole files against uncompressed and zstd-compressed depth maps
     Size,
+    /// Kind mmh against mh: bytes, seconds, pairs of subtrees, search distances
+    Merge,
     /// Seconds, texels evaluated and peak memory of bakes; proofs against the exhaustive builder
     Bake,
     /// Nanoseconds per lookup against plain arrays
@@ -129,6 +131,7 @@ impl From<umbrage::writer::bake::BakeError> for Failure {
 fn run(args: &Args) -> Result<(), Failure> {
     let report = match args.suite {
         Suite::Size => suite::size::run(args)?,
+        Suite::Merge => suite::merge::run(args)?,
         Suite::Bake => suite::bake::run(args)?,
         Suite::Query => suite::query::run(args)?,
         Suite::Accuracy => suite::accuracy::run(args)?,

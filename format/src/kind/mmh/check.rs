@@ -11,7 +11,8 @@
 use super::super::mh::{NodeType, PageCounts, ROOT_GROUP};
 use super::super::tree::check_root;
 use super::{
-    Announced, Children, ENTRIES, MAX_DEPENDENCIES, MAX_WORDS, Mask, Node, Waiting, entry, entry_words, first_group, nodes,
+    Announced, Children, ENTRIES, MAX_DEPENDENCIES, MAX_WORDS, Mask, Node, Waiting, entry, entry_words, first_group,
+    nodes,
 };
 use crate::error::{FormatError, Rule, Value};
 use crate::page::{FrameHead, PageContext};
@@ -51,7 +52,12 @@ pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<Pag
                 group
             }
             None => {
-                return Err(cx.fault(Rule::MmhHole, at as usize, Value::Text("a group that a node refers to"), number(at)));
+                return Err(cx.fault(
+                    Rule::MmhHole,
+                    at as usize,
+                    Value::Text("a group that a node refers to"),
+                    number(at),
+                ));
             }
         };
         visited += 1;

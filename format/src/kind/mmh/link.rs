@@ -61,7 +61,8 @@ pub(super) fn walk(
             let first = page.get(word as usize).copied().unwrap_or(0);
             let above = place.and_then(|p| p.inherited);
             let value = above.filter(|_| kind.has_value()).map(|above| {
-                let rise = if kind == NodeType::Leaf { first } else { page.get(word as usize + 1).copied().unwrap_or(0) };
+                let rise =
+                    if kind == NodeType::Leaf { first } else { page.get(word as usize + 1).copied().unwrap_or(0) };
                 above.wrapping_add(rise)
             });
             if let Some(value) = value {

@@ -63,7 +63,8 @@ impl Tree {
     pub(in crate::query) fn new(words: Vec<u32>, pages: Vec<Page>, dependencies: &[u32], log2_resolution: u8) -> Self {
         let first = |o: &u32| pages.get(*o as usize).map_or(u32::MAX, |p| p.first);
         let dependencies = dependencies.iter().map(first).collect();
-        let mut tree = Self { words, pages, dependencies, grid: Vec::new(), grid_level: log2_resolution, log2_resolution };
+        let mut tree =
+            Self { words, pages, dependencies, grid: Vec::new(), grid_level: log2_resolution, log2_resolution };
         tree.build_grid();
         tree
     }

@@ -102,7 +102,7 @@ struct Arrays {
     tiles: Vec<u32>,
 }
 
-/// A file of kind `vector`. Its values differ from the arrays', within the same intervals.
+/// A file of kind `vector` or `mmh`. Its values differ from the arrays', within the same intervals.
 struct Vector {
     map: Map,
     resident: Resident,
@@ -113,9 +113,12 @@ impl Vector {
     fn open(file: &std::path::Path, resolution: u64) -> Result<Self, Failure> {
         let map = scenes::open(file)?;
         let (kind, found) = (map.structure().kind(), u64::from(map.resolution()));
-        if kind != Kind::Vector || found != resolution {
-            let what =
-                format!("{}: kind {} at {found}; kind vector at {resolution} is wanted", file.display(), kind.name());
+        if kind == Kind::Mh || found != resolution {
+            let what = format!(
+                "{}: kind {} at {found}; kind vector or mmh at {resolution} is wanted",
+                file.display(),
+                kind.name()
+            );
             return Err(Failure::input(what));
         }
         let resident = map.preload()?;

@@ -122,11 +122,11 @@ impl Merged {
         self.hash.push(0);
         let (mut words, mut height) = (g.mask.words(), 1);
         let mut known = [None; 4];
-        for c in 0..4 {
+        for (c, known) in known.iter_mut().enumerate() {
             if g.below[c] != NONE {
                 let (below, h) = self.gather(groups, intervals, g.below[c]);
                 self.below[at][c] = below;
-                known[c] = Some((self.words[below as usize], self.hash[below as usize]));
+                *known = Some((self.words[below as usize], self.hash[below as usize]));
                 words += self.words[below as usize];
                 height = height.max(h + 1);
             }
@@ -247,10 +247,9 @@ impl Extremes {
     fn of(ranges: &[Range]) -> Self {
         let none = Range { min: i64::MAX, max: i64::MIN };
         let wider = |r: Range, v: i64| Range { min: r.min.min(v), max: r.max.max(v) };
-        ranges.iter().fold(Self { min: none, max: none }, |e, r| Self {
-            min: wider(e.min, r.min),
-            max: wider(e.max, r.max),
-        })
+        ranges
+            .iter()
+            .fold(Self { min: none, max: none }, |e, r| Self { min: wider(e.min, r.min), max: wider(e.max, r.max) })
     }
 
     /// Whether a node of one meets none of the other's, so that the two cannot match.

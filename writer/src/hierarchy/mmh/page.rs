@@ -22,9 +22,9 @@ use crate::hierarchy::page::{At, COARSE_DEPTH, ROOT_WORDS};
 
 /// Words of a tree page's own groups (16 KiB); see NOTES.md beside this file.
 pub const OWN_WORDS: u32 = 4096;
-/// Words from which on a shared page is full (48 KiB), its entries included: with the last unit, of at most
+/// Words from which on a shared page is full (55 KiB), its entries included: with the last unit, of at most
 /// [`MOST_WORDS`](super::merge::MOST_WORDS), it is still a page.
-pub const SHARED_WORDS: u32 = 12288;
+pub const SHARED_WORDS: u32 = 14000;
 
 /// Not in a page.
 const NOWHERE: u32 = u32::MAX;
@@ -54,7 +54,8 @@ impl Pages {
         let lists: Vec<usize> = self.pages.iter().map(|p| p.dependencies.len()).collect();
         let choice = (12..=16).filter_map(|log2: u8| {
             let room = (1usize << log2) - BlockHeader::BYTES;
-            let fits = |n: &usize| lists.chunks(*n).all(|c| n * PageRecord::BYTES + 4 * c.iter().sum::<usize>() <= room);
+            let fits =
+                |n: &usize| lists.chunks(*n).all(|c| n * PageRecord::BYTES + 4 * c.iter().sum::<usize>() <= room);
             let n = (1..=room / PageRecord::BYTES).rev().find(fits)?;
             Some((lists.len().div_ceil(n) << log2, log2, n as u16))
         });
@@ -226,7 +227,8 @@ impl Plan<'_> {
         let mut words = vec![0u32; m.mask.len()];
         let mut cut = vec![false; m.mask.len()];
         for g in (0..m.mask.len()).rev().filter(|g| self.uses[*g] > 0 && self.unit[*g] == NOWHERE).collect::<Vec<_>>() {
-            let mut below: Vec<u32> = (0..4).filter_map(|c| m.child(g as u32, c)).filter(|t| self.is_alone(*t)).collect();
+            let mut below: Vec<u32> =
+                (0..4).filter_map(|c| m.child(g as u32, c)).filter(|t| self.is_alone(*t)).collect();
             if root_groups[g] {
                 below.iter().filter(|t| !root_groups[**t as usize]).for_each(|t| cut[*t as usize] = true);
                 continue;
@@ -280,7 +282,8 @@ impl Plan<'_> {
             if !self.lives(g) {
                 continue;
             }
-            let here = if self.unit[g] == NOWHERE { self.page[g] } else { home[self.unit[g] as usize].unwrap_or(NOWHERE) };
+            let here =
+                if self.unit[g] == NOWHERE { self.page[g] } else { home[self.unit[g] as usize].unwrap_or(NOWHERE) };
             for t in (0..4).filter_map(|c| m.child(g as u32, c)).filter(|t| self.unit[*t as usize] == *t) {
                 let home = &mut home[t as usize];
                 *home = Some(if home.is_none_or(|h| h == here) { here } else { NOWHERE });
@@ -297,7 +300,9 @@ impl Plan<'_> {
                 continue;
             }
             groups.push(g);
-            stack.extend((0..4).filter_map(|c| self.m.child(g, c)).filter(|t| self.unit[*t as usize] != *t || stays(*t)));
+            stack.extend(
+                (0..4).filter_map(|c| self.m.child(g, c)).filter(|t| self.unit[*t as usize] != *t || stays(*t)),
+            );
         }
     }
 
@@ -392,7 +397,14 @@ impl Plan<'_> {
     }
 
     /// Writes the nodes of a group; `children` says where the children of one lie.
-    fn encode(&self, words: &mut [u32], g: u32, at: u16, nodes: &mut [u64; 3], mut children: impl FnMut(u32) -> Children) {
+    fn encode(
+        &self,
+        words: &mut [u32],
+        g: u32,
+        at: u16,
+        nodes: &mut [u64; 3],
+        mut children: impl FnMut(u32) -> Children,
+    ) {
         let (mask, base) = (self.m.mask(g), self.m.base[g as usize]);
         for c in 0..4u8 {
             let (kind, i) = (mask.child(c.into()), usize::from(c));
@@ -431,8 +443,7 @@ impl Plan<'_> {
             for &g in groups {
                 inside.extend((0..4).filter_map(|c| m.child(g, c)));
             }
-            let entries: Vec<u8> =
-                groups.iter().filter(|g| !inside.contains(g)).map(|g| m.mask[*g as usize]).collect();
+            let entries: Vec<u8> = groups.iter().filter(|g| !inside.contains(g)).map(|g| m.mask[*g as usize]).collect();
             let start = ROOT_GROUP as u32 + mmh::entry_words(entries.len() as u32);
             let mut words = self.lay_out(groups, start, &mut places, page);
             words[mmh::ENTRIES] = entries.len() as u32;

@@ -57,7 +57,8 @@ mod tests {
     /// The paper's own hash is 0 for every deep tree; this one tells deep trees apart by one leaf at their bottom.
     #[test]
     fn deep_trees_that_differ_at_the_bottom_differ() {
-        let tower = |bottom: u8| (0..24).fold((1, leaves(bottom)), |b, i| (i + 2, hash(3, &[Some(b), None, None, None])));
+        let tower =
+            |bottom: u8| (0..24).fold((1, leaves(bottom)), |b, i| (i + 2, hash(3, &[Some(b), None, None, None])));
         assert_ne!(tower(0x01), tower(0x04));
     }
 }
