@@ -20,6 +20,11 @@ def group_words(mask):
     return sum(NODE_WORDS[mask >> 2 * c & 3] for c in range(4))
 
 
+def both(a, b):
+    """The room that two leave."""
+    return (max(a[0], b[0]), min(a[1], b[1])) if a and b else None
+
+
 class Merged:
     """A page of kind mmh whose frame has been checked."""
 
@@ -97,48 +102,59 @@ class Merged:
         return counted[1:]
 
     def walk(self, r, above):
-        """Of groups with one place in the map: (word, value) of nodes with one, and what is said of child pages. Values
-        are None where `above`, what holds above the page, is."""
-        places, values, said = {2: (r.origin_x, r.origin_y, above)}, [], [None] * self.child_refs
+        """(word, whether it is in the depths) of values, as far as `above`, what holds above the page, is not None; what is
+        said of child pages; what is said of groups in shared pages: place, mask, level, room for their rises."""
+        places, rooms = {2: (r.origin_x, r.origin_y, above)}, {}
+        values, said, shared = [], [None] * self.child_refs, []
         for start in sorted(self.groups):
             mask, level, alone = self.groups[start]
-            if not alone:
-                continue
-            x, y, above = places[start]
+            x, y, above = places[start] if alone else (0, 0, None)
+            room = rooms.get(start)
             for c, kind, word in nodes(mask, start):
-                value = above
-                if kind in (LEAF, INNER) and above is not None:
-                    value = (above + self.words[word + (kind == INNER)]) % MODULUS
-                    values.append((word, value))
+                rise, value, below_room = self.rise(kind, word), above, None
+                if alone and above is not None:
+                    value = (above + rise) % MODULUS
+                    if kind in (LEAF, INNER):
+                        values.append((word, r.min_depth <= value <= r.max_depth))
+                    below_room = r.min_depth - value, r.max_depth - value
+                elif not alone and room is not None:
+                    if kind in (LEAF, INNER):
+                        values.append((word, room[0] <= rise <= room[1]))
+                    below_room = room[0] - rise, room[1] - rise
                 if kind not in (INNER, EMPTY):
                     continue
                 below, place, first = self.words[word] & 255, self.words[word] >> 8 & 255, self.words[word] >> 16
                 at = x + ((c & 1) << level), y + ((c >> 1) << level)
                 if place == 0:
                     places[first] = (*at, value)
+                    rooms[first] = both(rooms[first], below_room) if first in rooms else below_room
                 elif place == 1:
                     said[first] = ((below, level - 1, *at, r.root), (r.min_depth, r.max_depth), value)
-        return values, said
+                else:
+                    shared.append(((self.dependencies[place - 2], first), below, level - 1, below_room))
+        return values, said, shared
+
+    def rise(self, kind, word):
+        """Signed; 0 where there is none."""
+        if kind not in (LEAF, INNER):
+            return 0
+        value = self.words[word + (kind == INNER)]
+        return value - MODULUS if value >> 31 else value
 
     def check_values(self, r, above, at):
-        for word, value in self.walk(r, above)[0]:
-            need(r.min_depth <= value <= r.max_depth, "mmh.values", at, f"word {word}: {value}")
+        for word, good in self.walk(r, above)[0]:
+            need(good, "mmh.values", at, f"word {word}")
 
     def links(self, r, above):
         return [] if self.shared else self.walk(r, above)[1]
 
-    def note(self, references):
+    def note(self, references, r, above):
         """Adds what this page says of groups in shared pages: by ordinal and first word a mask, whether all agree on it,
-        and the lowest level."""
-        if self.shared:
-            return
-        for start, (mask, level, _) in sorted(self.groups.items()):
-            for _, kind, word in nodes(mask, start):
-                below, place, first = self.words[word] & 255, self.words[word] >> 8 & 255, self.words[word] >> 16
-                if kind in (INNER, EMPTY) and place >= 2:
-                    key = self.dependencies[place - 2], first
-                    known, agreed, lowest = references.get(key, (below, True, level - 1))
-                    references[key] = known, agreed and known == below, min(lowest, level - 1)
+        the lowest level, and the room for rises."""
+        for key, mask, level, room in self.walk(r, above)[2]:
+            known, agreed, lowest, before = references.get(key, (mask, True, level, None))
+            room = both(before, room) if before and room else before or room
+            references[key] = known, agreed and known == mask, min(lowest, level), room
 
     def check_references(self, references, ordinal, at):
         """A shared page against what was noted of it."""
@@ -148,8 +164,19 @@ class Merged:
                 if kind in (INNER, EMPTY):
                     tallest = max(tallest, self.heights[self.words[word] >> 16])
             self.heights[start] = tallest + 1
+        rooms, bad = {}, None
         for key in [k for k in references if k[0] == ordinal]:
-            mask, agreed, level = references.pop(key)
+            mask, agreed, level, rooms[key[1]] = references.pop(key)
             found = self.groups.get(key[1], (None,))[0]
-            good = agreed and found == mask and self.heights[key[1]] <= level + 1
-            need(good, "mmh.link", at, f"word {key[1]}: {found}, nodes say {mask}")
+            if not (agreed and found == mask and self.heights[key[1]] <= level + 1):
+                bad = f"word {key[1]}: {found}, nodes say {mask}"
+        need(bad is None, "mmh.link", at, bad)
+        for start in sorted(self.groups):
+            room = rooms.get(start)
+            for _, kind, word in nodes(self.groups[start][0], start) if room else ():
+                rise = self.rise(kind, word)
+                good = kind == EMPTY or room[0] <= rise <= room[1]
+                need(good, "mmh.values", at, f"word {word}: {rise}")
+                if kind != LEAF:
+                    below, first = (room[0] - rise, room[1] - rise), self.words[word] >> 16
+                    rooms[first] = both(rooms[first], below) if rooms.get(first) else below

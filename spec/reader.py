@@ -567,7 +567,7 @@ class Structure:
                     if self.kind == MMH and words.shared:
                         words.check_references(references, ordinal, at)
                     elif self.kind == MMH:
-                        words.note(references)
+                        words.note(references, r, above)
                     if announced:
                         self.check_link(announced, words, r, at)
                 except Broken as e:

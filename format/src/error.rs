@@ -137,7 +137,7 @@ rules! {
     MmhReference "mmh.reference" "each child page is referred to exactly once, from a group with one place in the map" WRITER;
     MmhDependency "mmh.dependency" "nodes refer to dependencies of their page, and to each of them" WRITER;
     MmhLevels "mmh.levels" "the record's finest level is that of the finest node" WRITER;
-    MmhValues "mmh.values" "values of nodes with one place in the map lie between the record's smallest and largest depth" WRITER;
+    MmhValues "mmh.values" "values lie between the record's smallest and largest depth, on every way to their node" WRITER;
     MmhLink "mmh.link" "child pages and groups in shared pages are those that the nodes describe which refer to them" WRITER;
     MmhDepths "mmh.depths" "a page's depths lie within its parent's and hold the value that it inherits" WRITER;
     VectorPlain "vector.plain" "pages of the kind are trees, not shared, without dependencies" WRITER;

@@ -56,18 +56,22 @@ pub fn links(
             mh::links(page, head, cx, above, |child, link| visit(child, Link::Mh(link)));
         }
         Some(Kind::Mmh) => {
-            let above = match said {
-                Some(Link::Mmh(link)) => link.inherited,
-                // Above a root node lies 0.
-                _ => cx.is_root().then_some(0),
-            };
-            mmh::links(page, head, cx, above, |child, link| visit(child, Link::Mmh(link)));
+            mmh::links(page, head, cx, inherited(said, cx), |child, link| visit(child, Link::Mmh(link)));
         }
         Some(Kind::Vector) => {
             let above = if let Some(Link::Vector(link)) = said { link.inherited.as_ref() } else { None };
             vector::links(page, head, cx, above, |child, link| visit(child, Link::Vector(link.into())));
         }
         _ => {}
+    }
+}
+
+/// The value above a page of kind `mmh`, of which its parent said this; none where it is not known.
+pub fn inherited(said: Option<&Link>, cx: &PageContext<'_>) -> Option<u32> {
+    match said {
+        Some(Link::Mmh(link)) => link.inherited,
+        // Above a root node lies 0.
+        _ => cx.is_root().then_some(0),
     }
 }
 

@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 
 use umbrage_format::Kind;
 use umbrage_format::kind::mmh::References;
-use umbrage_format::kind::tree::{Link, check_link, links};
+use umbrage_format::kind::tree::{Link, check_link, inherited, links};
 
 use crate::page::context;
 use crate::{CheckedPage, ReaderError, Structure};
@@ -39,8 +39,11 @@ impl Follow {
             }
             return Ok(());
         }
-        self.references.note(page.words(), page.head(), &cx, page.dependencies());
         let said = if cx.is_root() { None } else { self.announced.pop_front().flatten() };
+        if structure.kind() == Kind::Mmh {
+            let above = inherited(said.as_ref(), &cx);
+            self.references.note(page.words(), page.head(), &cx, page.dependencies(), above);
+        }
         let first = self.announced.len();
         self.announced.resize(first + usize::from(page.head().child_refs), None);
         links(page.words(), page.head(), &cx, said.as_ref(), |child, link| {

@@ -52,12 +52,12 @@ impl Piece {
     }
 }
 
-/// A random root node of a map of `1 << log2` texels on a side; `roll(n)` gives a number below n. Values stay below 2^32
-/// by wrapping, as rises do.
+/// A random root node of a map of `1 << log2` texels on a side, at most 256; `roll(n)` gives a number below n. Rises go up
+/// and down, and stay far from both ends of the depths.
 pub fn grow(roll: &mut impl FnMut(u32) -> u32, log2: u8) -> Piece {
     let mut made: Vec<(u8, Arc<Group>)> = Vec::new();
     let group = grow_group(roll, log2 - 1, &mut made);
-    Piece::Inner(roll(u32::MAX), group)
+    Piece::Inner((1 << 30) + roll(u32::MAX) / 4, group)
 }
 
 /// A group whose nodes are at `level`; every third one that fits is taken from those made before.
@@ -68,7 +68,7 @@ fn grow_group(roll: &mut impl FnMut(u32) -> u32, level: u8, made: &mut Vec<(u8, 
     }
     let mut group: Group = [None, None, None, None];
     for child in &mut group {
-        let rise = if roll(4) == 0 { roll(u32::MAX) } else { roll(1000) };
+        let rise = if roll(4) == 0 { (roll(u32::MAX) >> 5).wrapping_sub(1 << 26) } else { roll(1000) };
         *child = match roll(if level == 0 { 3 } else { 7 }) {
             0 => None,
             1 | 2 => Some(Piece::Leaf(rise)),

@@ -96,7 +96,7 @@ fn a_million_queries_on_random_vector_trees() {
 
 #[test]
 fn a_million_queries_on_random_merged_trees() {
-    for (seed, log2) in [(3, 6), (90, 5)] {
+    for (seed, log2) in [(3, 8), (90, 7)] {
         let (tree, bytes) = random_merged(&format!("parity-mmh-{seed}"), seed, log2);
         let structure = opened(bytes);
         hold("merged tree", &structure, 19);
@@ -114,7 +114,7 @@ fn a_million_queries_on_a_city() {
 fn a_million_queries_on_a_merged_city() {
     let folder = crate::tree::Folder::new("parity-merged-city");
     let structure = opened(city_as(&folder.0.join("city.umb"), 2048, Kind::Mmh));
-    assert!(structure.record().shared_pages.get() > 1);
+    assert!(structure.record().shared_pages.get() > 0);
     hold("merged city", &structure, 29);
 }
 
@@ -132,7 +132,9 @@ fn repair(bytes: &mut [u8]) {
         let page = &bytes[r.offset.get() as usize..r.end() as usize];
         (r.crc32, r.content_hash) = (page_crc(&id, 0, i, page).into(), content_hash(page).into());
         // Any value may stand in a page here: the test is about walks.
-        (r.min_depth, r.max_depth) = (0.into(), u32::MAX.into());
+        if !r.is_shared() {
+            (r.min_depth, r.max_depth) = (0.into(), u32::MAX.into());
+        }
     }
     let crc = block_crc(&id, 0, 0, &block[4..]);
     block[..4].copy_from_slice(&crc.to_le_bytes());

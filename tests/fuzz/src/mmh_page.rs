@@ -186,7 +186,7 @@ fn hold(log2: u8, page: &[u32], mut record: PageRecord, sound: bool) {
         assert!(link.inherited == Some(value) || value == UNCOVERED);
     });
     assert_eq!(said.len(), usize::from(head.child_refs));
-    references.note(page, &head, &cx, &dependencies);
+    references.note(page, &head, &cx, &dependencies, Some(0));
     for i in 0..64u32 {
         let [x, y] = [i.wrapping_mul(0x9E37_79B9), i.wrapping_mul(0x85EB_CA6B)].map(|v| v >> 7 & ((2 << level) - 1));
         for l in [0, i as u8 % 8] {

@@ -248,14 +248,17 @@ const ROWS: &[Row] = &[
     ("mmh.dependency", "mmh", Page(2, 8, 1), &[9], All),
     ("mmh.dependency", "mmh", Page(2, 8, 1), &[2], All),
     ("mmh.levels", "mmh", Record(0, 3, "level_finest"), &[1], All),
-    ("mmh.values", "mmh", Record(0, 3, "max_depth"), &[0xBF], All),
+    ("mmh.values", "mmh", Record(0, 3, "max_depth"), &[0x7F], All),
+    // The sign of a rise in a group with several places, in a tree page and in a shared one.
+    ("mmh.values", "mmh", Page(4, 30, 3), &[0x7F], All),
+    ("mmh.values", "mmh", Page(6, 4, 3), &[0x7F], All),
     ("mmh.link", "mmh", Record(0, 3, "origin_x"), &[0], All),
     // Two nodes that give one group different types; a reference into the middle of a group.
     ("mmh.link", "mmh", Page(2, 10, 0), &[0x01], All),
     ("mmh.link", "mmh", Page(1, 11, 2), &[5], All),
     // Below the least depth of the parent; what is inherited lies outside.
     ("mmh.depths", "mmh", Record(0, 3, "min_depth"), &[0, 0, 0, 0], All),
-    ("mmh.depths", "mmh", Record(0, 3, "min_depth"), &[1], All),
+    ("mmh.depths", "mmh", Record(0, 3, "min_depth"), &[0xC1], All),
     ("vector.plain", "vector", Record(0, 3, "page_type"), &[1], All),
     ("vector.root", "vector", Page(0, 0, 1), &[3], All),
     ("vector.root", "vector", Page(3, 0, 1), &[0], All),

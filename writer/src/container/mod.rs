@@ -240,11 +240,11 @@ impl ContainerWriter {
         if let Some(link) = &said {
             tree::check_link(link, &page.words, head, &cx)?;
         }
-        if cx.record.kind() == Some(Kind::Mmh) {
-            self.state.references.note(&page.words, head, &cx, &page.dependencies);
-            if record.is_shared() {
-                self.state.references.check(&page.words, &cx)?;
-            }
+        if cx.record.kind() == Some(Kind::Mmh) && record.is_shared() {
+            self.state.references.check(&page.words, &cx)?;
+        } else if cx.record.kind() == Some(Kind::Mmh) {
+            let inherited = tree::inherited(said.as_ref(), &cx);
+            self.state.references.note(&page.words, head, &cx, &page.dependencies, inherited);
         }
         let mut links = vec![None; usize::from(head.child_refs)];
         tree::links(&page.words, head, &cx, said.as_ref(), |child, link| links[usize::from(child)] = Some(link));

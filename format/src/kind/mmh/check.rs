@@ -8,8 +8,9 @@
     clippy::cast_possible_truncation
 )]
 
-use super::super::mh::{NodeType, PageCounts, ROOT_GROUP};
+use super::super::mh::{PageCounts, ROOT_GROUP};
 use super::super::tree::check_root;
+use super::link::{Visit, out_of_room};
 use super::{
     Announced, Children, ENTRIES, MAX_DEPENDENCIES, MAX_WORDS, Mask, Node, Waiting, entry, entry_words, first_group,
     nodes,
@@ -185,24 +186,24 @@ fn mark(map: &mut Marks, bit: u32) -> bool {
     fresh
 }
 
-/// Holds the values of nodes with one place in the map against the page's record; `inherited` is the value above the
-/// page, 0 for a root's. Values below a group with several places depend on the way: the certificate has those. The page
-/// must have passed [`check`].
+/// Holds the values of a page's nodes against its record; `inherited` is the value above the page, 0 for a root's. Rises of
+/// groups with several places count as signed, and must do for every way there. Groups in shared pages are left to
+/// [`References`](super::References). The page must have passed [`check`].
 ///
 /// # Errors
 /// `mmh.values`.
 pub fn check_values(page: &[u32], head: &FrameHead, cx: &PageContext<'_>, inherited: u32) -> Result<(), FormatError> {
     let (min, max) = (cx.page.min_depth.get(), cx.page.max_depth.get());
     let mut result = Ok(());
-    super::link::walk(page, head, cx, Some(inherited), |visit| {
-        if let super::link::Visit::Value(kind, word, value) = visit
-            && kind != NodeType::None
-            && !(min..=max).contains(&value)
-            && result.is_ok()
-        {
+    super::link::walk(page, head, cx, Some(inherited), |visit| match visit {
+        Visit::Value(word, value) if !(min..=max).contains(&value) && result.is_ok() => {
             let expected = Value::Between(min.into(), max.into());
             result = Err(cx.fault(Rule::MmhValues, word as usize, expected, Value::Number(value.into())));
         }
+        Visit::Rise(word, rise, room) if !room.holds(rise) && result.is_ok() => {
+            result = Err(out_of_room(cx, word, rise));
+        }
+        _ => {}
     });
     result
 }

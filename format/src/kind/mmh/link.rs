@@ -21,12 +21,50 @@ pub use super::super::mh::Link;
 
 /// What a walk over the groups with one place in the map meets.
 pub(super) enum Visit {
-    /// A node with a value, its word, and that value.
-    Value(NodeType, u32, u32),
+    /// A node with one place in the map and a value: its word, and that value.
+    Value(u32, u32),
+    /// A node with several places: its word, its rise, and the rises that are within bounds.
+    Rise(u32, i64, Room),
     /// A child page and what is said of it.
     Page(u16, Link),
-    /// A group in a shared page: the dependency, its first word, its types and its nodes' level.
-    Shared(u8, u16, Mask, u8),
+    /// A group in a shared page: the dependency, its first word, its types, its nodes' level, and the rises that are
+    /// within bounds, where they are known.
+    Shared(u8, u16, Mask, u8, Option<Room>),
+}
+
+/// What the sums of rises in a group may be, from the value above it on, so that every value on every way there lies in
+/// the depths of the pages it belongs to. Rises of groups with several places count as signed numbers here.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Room {
+    least: i64,
+    most: i64,
+}
+
+impl Room {
+    /// Room above a value in these depths.
+    fn around(value: u32, (min, max): (u32, u32)) -> Self {
+        let value = i64::from(value);
+        Self { least: i64::from(min) - value, most: i64::from(max) - value }
+    }
+
+    /// What is left behind a rise. At most 25 rises of 32 bits follow each other: nothing saturates.
+    fn behind(self, rise: i64) -> Self {
+        Self { least: self.least.saturating_sub(rise), most: self.most.saturating_sub(rise) }
+    }
+
+    fn and(self, o: Self) -> Self {
+        Self { least: self.least.max(o.least), most: self.most.min(o.most) }
+    }
+
+    pub(super) fn holds(self, rise: i64) -> bool {
+        (self.least..=self.most).contains(&rise)
+    }
+}
+
+/// The rise of a node that has one.
+fn rise(page: &[u32], kind: NodeType, word: u32) -> Option<u32> {
+    let at = word as usize + usize::from(kind == NodeType::Inner);
+    kind.has_value().then(|| page.get(at).copied().unwrap_or(0))
 }
 
 /// Walks over a page from front to back. Values and child pages come from groups with one place in the map; groups in
@@ -49,25 +87,31 @@ pub(super) fn walk(
         y: cx.page.origin_y.get(),
     };
     let mut waiting = Waiting::new();
-    // Where the groups lie that are alone.
+    // Where the groups lie that are alone, and the room of all.
     let mut places = BTreeMap::from([(u32::from(ROOT_GROUP), top)]);
+    let mut rooms: BTreeMap<u32, Option<Room>> = BTreeMap::new();
     waiting.announce(ROOT_GROUP.into(), Announced { mask: top.mask, level: top.level, alone: true });
     let length = u32::try_from(page.len()).unwrap_or(u32::MAX);
     let mut at = u32::from(ROOT_GROUP);
     while at < length {
         let Some(group) = waiting.get(at).filter(|g| g.mask.0 != 0) else { return };
         let place = places.remove(&at).filter(|_| group.alone);
+        let room = rooms.remove(&at).flatten();
         for (c, kind, word) in nodes(group.mask, at) {
             let first = page.get(word as usize).copied().unwrap_or(0);
             let above = place.and_then(|p| p.inherited);
-            let value = above.filter(|_| kind.has_value()).map(|above| {
-                let rise =
-                    if kind == NodeType::Leaf { first } else { page.get(word as usize + 1).copied().unwrap_or(0) };
-                above.wrapping_add(rise)
-            });
-            if let Some(value) = value {
-                visit(Visit::Value(kind, word, value));
+            let own = rise(page, kind, word);
+            let value = above.zip(own).map(|(above, rise)| above.wrapping_add(rise));
+            let signed = own.map_or(0, |rise| i64::from(rise.cast_signed()));
+            match (place, value, room) {
+                (Some(_), Some(value), _) => visit(Visit::Value(word, value)),
+                (None, _, Some(room)) if own.is_some() => visit(Visit::Rise(word, signed, room)),
+                _ => {}
             }
+            let below_room = match place {
+                Some(_) => value.or(above).map(|value| Room::around(value, top.depths)),
+                None => room.map(|room| room.behind(signed)),
+            };
             let Some(level) = group.level.checked_sub(1).filter(|_| kind.has_children()) else { continue };
             let node = Node::decode(first);
             let link = place.map(|p| Link {
@@ -81,6 +125,10 @@ pub(super) fn walk(
             match (node.children, link) {
                 (Children::Here(to), link) => {
                     let below = Announced { mask: node.mask, level, alone: link.is_some() };
+                    rooms
+                        .entry(to.into())
+                        .and_modify(|r| *r = r.zip(below_room).map(|(a, b)| a.and(b)))
+                        .or_insert(below_room);
                     match (waiting.announce(to.into(), below), link) {
                         (Some(true), Some(link)) => places.insert(to.into(), link),
                         _ => places.remove(&to.into()),
@@ -88,7 +136,9 @@ pub(super) fn walk(
                 }
                 (Children::Page(child), Some(link)) => visit(Visit::Page(child, link)),
                 (Children::Page(_), None) => {}
-                (Children::Shared(dependency, to), _) => visit(Visit::Shared(dependency, to, node.mask, level)),
+                (Children::Shared(dependency, to), _) => {
+                    visit(Visit::Shared(dependency, to, node.mask, level, below_room));
+                }
             }
         }
         at = at.saturating_add(group.mask.words());
@@ -176,27 +226,49 @@ pub fn shared_groups(page: &[u32], mut visit: impl FnMut(u16, Mask, u8)) {
     }
 }
 
+/// What nodes say of a group in a shared page: its types, the lowest level of its nodes, and the room for its rises as far
+/// as it is known.
+#[derive(Clone, Copy, Debug)]
+struct Said {
+    mask: Mask,
+    level: u8,
+    room: Option<Room>,
+}
+
 /// What tree pages say of groups in shared pages, until those pages come.
 #[derive(Clone, Debug, Default)]
 pub struct References {
-    /// By ordinal and first word: types, and the lowest level of the group's nodes.
-    groups: BTreeMap<(u32, u16), (Mask, u8)>,
+    /// By ordinal and first word.
+    groups: BTreeMap<(u32, u16), Said>,
     /// References to one group that give it different types: the first such, by the group.
     torn: BTreeMap<(u32, u16), Mask>,
 }
 
 impl References {
-    /// Notes what a checked tree page refers to; `dependencies` are its ordinals.
-    pub fn note(&mut self, page: &[u32], head: &FrameHead, cx: &PageContext<'_>, dependencies: &[u32]) {
+    /// Notes what a checked tree page refers to; `dependencies` are its ordinals, `inherited` is the value above the page,
+    /// none where it is not known.
+    pub fn note(
+        &mut self,
+        page: &[u32],
+        head: &FrameHead,
+        cx: &PageContext<'_>,
+        dependencies: &[u32],
+        inherited: Option<u32>,
+    ) {
         if cx.page.is_shared() || dependencies.is_empty() {
             return;
         }
-        walk(page, head, cx, None, |v| {
-            let Visit::Shared(dependency, at, mask, level) = v else { return };
+        walk(page, head, cx, inherited, |v| {
+            let Visit::Shared(dependency, at, mask, level, room) = v else { return };
             let Some(&ordinal) = dependencies.get(usize::from(dependency)) else { return };
-            let known = self.groups.entry((ordinal, at)).or_insert((mask, level));
-            known.1 = known.1.min(level);
-            if known.0 != mask {
+            let known = self.groups.entry((ordinal, at)).or_insert(Said { mask, level, room });
+            known.level = known.level.min(level);
+            // What one page does not know does not free the others.
+            known.room = match (known.room, room) {
+                (Some(a), Some(b)) => Some(a.and(b)),
+                (a, b) => a.or(b),
+            };
+            if known.mask != mask {
                 self.torn.entry((ordinal, at)).or_insert(mask);
             }
         });
@@ -206,7 +278,7 @@ impl References {
     ///
     /// # Errors
     /// `mmh.link`: a node refers to a word where no group of its types begins; or to one with more levels than there are
-    /// below the node.
+    /// below the node. `mmh.values`: on some way a value leaves the depths of the pages there.
     pub fn check(&mut self, page: &[u32], cx: &PageContext<'_>) -> Result<(), FormatError> {
         let first = (cx.ordinal, 0);
         let later = self.groups.split_off(&(cx.ordinal.saturating_add(1), 0));
@@ -218,21 +290,54 @@ impl References {
             return Err(cx.fault(Rule::MmhLink, at.into(), expected, Value::Hex(mask.0.into())));
         }
         let mut result = Ok(());
+        let mut rooms = BTreeMap::new();
         shared_groups(page, |at, mask, height| {
-            let Some((said, level)) = here.remove(&(cx.ordinal, at)) else { return };
+            let Some(said) = here.remove(&(cx.ordinal, at)) else { return };
+            if let Some(room) = said.room {
+                rooms.insert(u32::from(at), room);
+            }
             // A group at level l has room for l + 1 levels.
-            if (said != mask || height > level.saturating_add(1)) && result.is_ok() {
+            if (said.mask != mask || height > said.level.saturating_add(1)) && result.is_ok() {
                 let expected = Value::Text("the group that a node refers to, with levels for all that is below it");
-                result = Err(cx.fault(Rule::MmhLink, at.into(), expected, Value::Hex(said.0.into())));
+                result = Err(cx.fault(Rule::MmhLink, at.into(), expected, Value::Hex(said.mask.0.into())));
             }
         });
         result?;
         match here.keys().next() {
-            None => Ok(()),
+            None => check_rises(page, cx, rooms),
             Some(&(_, at)) => {
                 let expected = Value::Text("a group where a node refers to one");
                 Err(cx.fault(Rule::MmhLink, at.into(), expected, Value::Number(at.into())))
             }
         }
     }
+}
+
+/// Holds the rises of a checked shared page against the room that nodes elsewhere leave to its groups.
+fn check_rises(page: &[u32], cx: &PageContext<'_>, mut rooms: BTreeMap<u32, Room>) -> Result<(), FormatError> {
+    let mut groups = alloc::vec::Vec::new();
+    shared_groups(page, |at, mask, _| groups.push((at, mask)));
+    // They come from the back; nodes lie before the groups they refer to.
+    for (at, mask) in groups.into_iter().rev() {
+        let Some(room) = rooms.remove(&u32::from(at)) else { continue };
+        for (_, kind, word) in nodes(mask, at.into()) {
+            let signed = rise(page, kind, word).map(|r| i64::from(r.cast_signed()));
+            if let Some(rise) = signed.filter(|r| !room.holds(*r)) {
+                return Err(out_of_room(cx, word, rise));
+            }
+            let first = page.get(word as usize).copied().unwrap_or(0);
+            if let (true, Children::Here(to)) = (kind.has_children(), Node::decode(first).children) {
+                let below = room.behind(signed.unwrap_or(0));
+                rooms.entry(to.into()).and_modify(|r| *r = r.and(below)).or_insert(below);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A rise that leads out of the depths of a page on some way to it.
+pub(super) fn out_of_room(cx: &PageContext<'_>, word: u32, rise: i64) -> FormatError {
+    let expected = Value::Text("a rise that stays in the depths of every page that leads to it");
+    let found = Value::Hex(rise.cast_unsigned() & 0xFFFF_FFFF);
+    cx.fault(Rule::MmhValues, word as usize, expected, found)
 }

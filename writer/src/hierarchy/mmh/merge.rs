@@ -24,6 +24,10 @@ use crate::interval::Interval;
 /// Words of the largest subtree that may be shared: it must fit an ordinary page.
 pub const MOST_WORDS: u32 = 2048;
 
+/// Farthest that a value of a shared subtree may lie from the value above it: so every rise in it is a signed number of 32
+/// bits, and the sums of all ways can be bounded from the file alone (spec/mmh.md, Values).
+const FARTHEST: i64 = (1 << 30) - 1;
+
 /// What became of the pairs that were held against each other (Scandolo 2019, table 2.8).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pairs {
@@ -283,8 +287,12 @@ fn pairs(m: &Merged, list: &[u32], search: u32) -> Found {
         let at = ranges.len();
         ranges.extend(slots.iter().map(|&(k, c)| {
             let i = m.interval[start + k][c];
-            Range { min: i64::from(i.min) - base, max: i64::from(i.max) - base }
+            Range { min: (i64::from(i.min) - base).max(-FARTHEST), max: (i64::from(i.max) - base).min(FARTHEST) }
         }));
+        if ranges[at..].iter().any(|r| r.min > r.max) {
+            ranges.truncate(at);
+            continue;
+        }
         let extremes = Extremes::of(&ranges[at..]);
         let (before, own) = ranges.split_at_mut(at);
         let near = survivors.iter_mut().rev().take(search as usize);
