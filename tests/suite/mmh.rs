@@ -18,6 +18,7 @@ fn baked(folder: &Folder, name: &str, kind: Kind, search: u32, resolution: u64) 
         policy: Policy::Closed,
         kind,
         exhaustive: false,
+        top_down: false,
         mmh: mmh::Options { search },
         memory_bytes: None,
     };

@@ -120,6 +120,7 @@ fn a_baked_file_answers_alike() {
         policy: Policy::Closed,
         kind: umbrage::format::Kind::Mh,
         exhaustive: false,
+        top_down: false,
         mmh: Default::default(),
         memory_bytes: None,
     };

@@ -30,6 +30,7 @@ impl File {
             policy,
             kind: Kind::Mh,
             exhaustive,
+            top_down: false,
             mmh: Default::default(),
             memory_bytes: None,
         };
@@ -119,6 +120,7 @@ fn a_direction_of_any_length_becomes_a_unit_vector() {
             policy: Policy::Thickness(0.5),
             kind: umbrage::format::Kind::Mh,
             exhaustive: false,
+            top_down: false,
             mmh: Default::default(),
             memory_bytes: None,
         };

@@ -53,6 +53,8 @@ pub struct BakeOptions {
     pub kind: Kind,
     /// Ask every texel, also where a whole square is proven. Of kinds `mh` and `mmh`.
     pub exhaustive: bool,
+    /// Choose values from above within tiles (algorithm 1 of Scandolo 2019), not from below. Of kinds `mh` and `mmh`.
+    pub top_down: bool,
     /// How kind `mmh` merges.
     pub mmh: mmh::Options,
     /// Most bytes that may be held at once, the mesh included; none: no limit.
@@ -174,7 +176,7 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
         let left = options.memory_bytes.map(|budget| budget.saturating_sub(held).max(1));
         progress.begin(left.unwrap_or(0));
         let error = transform_error(mesh, &snapped.lattice);
-        let how = Options { exhaustive: options.exhaustive, guard: guard(error) };
+        let how = Options { exhaustive: options.exhaustive, guard: guard(error), top_down: options.top_down };
         let spool = || spool(target, left);
         let built = match options.kind {
             Kind::Vector => vector::build::build(&snapped, how, spool(), progress).map(Built::from),
@@ -355,6 +357,9 @@ fn file_id(mesh: &Mesh, options: &BakeOptions) -> FileId {
     number(u64::from(options.exhaustive) | u64::from(options.kind.code() - 1) << 1);
     if options.kind == Kind::Mmh {
         number(options.mmh.search.into());
+    }
+    if options.top_down {
+        number(1);
     }
     number(options.lights.len() as u64);
     for l in &options.lights {

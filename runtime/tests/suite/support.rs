@@ -51,6 +51,7 @@ pub fn city_as(path: &Path, resolution: u64, kind: Kind) -> Vec<u8> {
         policy: Policy::Closed,
         kind,
         exhaustive: false,
+        top_down: false,
         mmh: Default::default(),
         memory_bytes: None,
     };
@@ -83,10 +84,10 @@ pub fn random_merged(name: &str, seed: u64, log2: u8) -> (Piece, Vec<u8>) {
         .map(|seed| {
             let mut dice = Dice(seed);
             let tree = mmh_tree::grow(&mut |n| dice.roll(n), log2);
-            let (pages, shared) = mmh_tree::pages(&tree, log2, &[log2 - 2]);
+            let (pages, shared) = mmh_tree::pages(&tree, log2, &[log2 - 2, log2 - 3]);
             (tree, pages, shared)
         })
-        .find(|(_, pages, shared)| *shared == 2 && pages.len() > 4)
+        .find(|(_, pages, shared)| *shared == 2 && pages.len() > if log2 > 4 { 12 } else { 4 })
         .unwrap();
     let record = mmh_tree::structure("sun", log2, &pages, shared);
     (tree, write(name, ContainerOptions::new(ID), &[(record, pages)]))

@@ -184,7 +184,7 @@ fn stored(pages: &[(Vec<u32>, u32)], log2: u8, x: u32, y: u32) -> u32 {
 }
 
 fn compare(mesh: &SnappedMesh, oracle: &Oracle, exhaustive: bool, policy: Policy) {
-    let tree = build(mesh, Options { exhaustive, guard: GUARD }, Spool::in_memory(), &Progress::default())
+    let tree = build(mesh, Options { exhaustive, guard: GUARD, top_down: false }, Spool::in_memory(), &Progress::default())
         .expect("nobody cancels");
     let framed = |page: Page| {
         let mut words = page.draft.words;

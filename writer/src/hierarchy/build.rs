@@ -16,6 +16,7 @@ use crate::solid::SnappedMesh;
 use super::mh::{self, Node};
 use super::page::{At, Forest};
 use super::spool::Spool;
+use super::top;
 use crate::container::WriteError;
 
 /// Level of the squares that one thread works through alone.
@@ -30,6 +31,8 @@ pub struct Options {
     pub exhaustive: bool,
     /// Distance that stored values keep from the ends of wide intervals ([`Interval::guarded`]).
     pub guard: u32,
+    /// Choose values from above within tiles of 256 x 256 texels ([`top`]), not from below.
+    pub top_down: bool,
 }
 
 /// What happened.
@@ -136,6 +139,7 @@ struct Context<'a> {
     second_surface: bool,
     exhaustive: bool,
     guard: u32,
+    top_down: bool,
     hold: Hold<'a>,
     progress: &'a Progress,
 }
@@ -206,6 +210,7 @@ fn run(mesh: &SnappedMesh, options: Options, hold: Hold<'_>, progress: &Progress
         second_surface: mesh.second_surface,
         exhaustive: options.exhaustive,
         guard: options.guard,
+        top_down: options.top_down,
         hold,
         progress,
     };
@@ -291,8 +296,13 @@ impl Context<'_> {
             scratch: Scratch::default(),
             prover: Prover::default(),
             counts: Counts::default(),
+            squares: Vec::new(),
         };
         let node = tile.square(at, 0);
+        let node = match self.top_down {
+            true => top::build(self.resolution_log2, at, &tile.squares, &mut tile.forest, self.hold),
+            false => node,
+        };
         let node = tile.forest.compact(node);
         let mut counts = tile.counts;
         counts.effort = tile.scratch.effort;
@@ -309,12 +319,23 @@ pub(crate) fn merge(
     forest: &mut Forest,
     hold: Hold<'_>,
 ) -> Node {
-    let groups = forest.groups.len();
-    let mut node = mh::merge(*children, at.level - 1, &mut forest.groups);
+    let node = mh::merge(*children, at.level - 1, &mut forest.groups);
+    finish(resolution_log2, at, node, children, forest, hold)
+}
+
+/// Cuts below a new node, or keeps the intervals of its children.
+pub(crate) fn finish(
+    resolution_log2: u8,
+    at: At,
+    mut node: Node,
+    children: &mut [Node; 4],
+    forest: &mut Forest,
+    hold: Hold<'_>,
+) -> Node {
     let depth = resolution_log2 - at.level;
     match hold {
         Hold::Pages(spool) if depth + 1 >= super::page::COARSE_DEPTH => forest.cut(&mut node, at, children, spool),
-        Hold::Whole if forest.groups.len() > groups => forest.intervals.push(children.map(|c| c.interval)),
+        Hold::Whole if node.below != mh::NONE => forest.intervals.push(children.map(|c| c.interval)),
         _ => {}
     }
     node
@@ -329,6 +350,8 @@ struct Tile<'a> {
     scratch: Scratch,
     prover: Prover,
     counts: Counts,
+    /// Of a tile that is built from above, the squares that one interval answers.
+    squares: Vec<(At, Node)>,
 }
 
 impl Tile<'_> {
@@ -341,20 +364,20 @@ impl Tile<'_> {
         let list = &self.stack[start..];
         // a cancelled tile is thrown away, so any answer will do
         if is_open(self.rays.locals, list) || self.cx.cancelled() {
-            return Node::uniform(Interval::UNCOVERED);
+            return self.leaf(at, Node::uniform(Interval::UNCOVERED));
         }
         if at.level == 0 {
             self.counts.texels_evaluated += 1;
             let truth = texel(&self.rays, list, p, size, wide(self.cx.guard), &mut self.scratch);
             self.counts.edge_texels += u64::from(!truth.certified);
             self.counts.thin_texels += u64::from(truth.thin);
-            return Node::guarded(truth.interval, self.cx.guard);
+            return self.leaf(at, Node::guarded(truth.interval, self.cx.guard));
         }
         if !self.cx.exhaustive && list.len() <= PROOF_LIST {
             let proven = self.prover.prove(&self.rays, list, p, size, self.cx.second_surface, false);
             // a narrow proof may be part of a wide interval, whose value keeps the guard
             if let Some(interval) = proven.filter(|i| i.width() >= wide(self.cx.guard)) {
-                return Node::guarded(interval, self.cx.guard);
+                return self.leaf(at, Node::guarded(interval, self.cx.guard));
             }
         }
         let end = self.stack.len();
@@ -371,6 +394,18 @@ impl Tile<'_> {
             *node = self.square(child, end);
             self.stack.truncate(end);
         }
-        self.cx.merge(at, &mut children, &mut self.forest)
+        match self.cx.top_down {
+            // All squares below are needed before the first value is chosen.
+            true => children[0],
+            false => self.cx.merge(at, &mut children, &mut self.forest),
+        }
+    }
+
+    /// A square that one interval answers.
+    fn leaf(&mut self, at: At, node: Node) -> Node {
+        if self.cx.top_down {
+            self.squares.push((at, node));
+        }
+        node
     }
 }

@@ -36,6 +36,7 @@ impl Refused {
             policy: self.policy,
             kind,
             exhaustive: false,
+            top_down: false,
             mmh: Default::default(),
             memory_bytes: None,
         };
