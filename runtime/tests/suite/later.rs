@@ -49,7 +49,7 @@ fn adaptive_shared_stack_and_flat_pages_pass_unchanged() {
 
     let parts = vec![
         (structure("adaptive", Kind::Stack, 4, 1), vec![adaptive]),
-        (mmh_record, vec![mmh, shared(&[5, 0xFFFF_FFFB], 2, &[2]), shared(&[7], 0b01, 0, &[])]),
+        (mmh_record, vec![mmh, shared(&[5, 0xFFFF_FFFB], 2, &[2]), shared(&[7], 0, &[])]),
         (structure("stack", Kind::MhStack, 4, 2), vec![stack, child]),
         (structure("quads", Kind::Quads, 4, 1), vec![quads]),
     ];
