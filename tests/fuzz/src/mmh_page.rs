@@ -78,7 +78,13 @@ pub fn run(log2: u8, place: u8, mut input: Input) {
             return;
         }
         let (shared, root) = (how & 2 != 0, place & 0x80 == 0);
-        let level = if shared { 0 } else if root { log2 } else { place & 31 };
+        let level = if shared {
+            0
+        } else if root {
+            log2
+        } else {
+            place & 31
+        };
         let dependencies = if shared { 0 } else { how >> 2 };
         page[0] = page[0] & !0xFF | u32::from(Kind::Mmh.tag());
         page[1] = page.len() as u32 | u32::from(level) << 16;

@@ -36,7 +36,8 @@ fn bases() -> &'static [Vec<u8>] {
                 let mut dice = Dice(seed);
                 mmh_tree::pages(&mmh_tree::grow(&mut |n| dice.roll(n), log2), log2, &[2])
             });
-            let (pages, shared) = made.into_iter().find(|(p, shared)| *shared == 2 && p.len() > 3).expect("one of them");
+            let (pages, shared) =
+                made.into_iter().find(|(p, shared)| *shared == 2 && p.len() > 3).expect("one of them");
             (mmh_tree::structure(name, log2, &pages, shared), pages)
         };
         let options = ContainerOptions::new(ID);
