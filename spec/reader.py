@@ -7,8 +7,8 @@
     python3 spec/reader.py dump FILE
 
 Read in this order: `Container` (container.md: opening), `Structure.block` and `check_record` (index), `Structure.page`
-(pages, the frame), `check_mh`, `links`, `Structure.lookup` (mh.md), `vector.py` (vector.md), `Container.verify` (order of
-checks).
+(pages, the frame), `check_mh`, `links`, `Structure.lookup` (mh.md), `mmh.py` (mmh.md), `vector.py` (vector.md),
+`Container.verify` (order of checks).
 Memory: the section table, the structure records, one index block, a few pages, and what parents say of pages to come.
 """
 
@@ -23,6 +23,7 @@ import zlib
 
 sys.dont_write_bytecode = True
 from rules import EMPTY, INNER, LEAF, NONE, UNCOVERED, Broken, need  # noqa: E402
+from mmh import MODULUS, Merged  # noqa: E402
 from vector import Vector  # noqa: E402
 from xxh3 import xxh3_64  # noqa: E402
 
@@ -31,7 +32,7 @@ FIRST_READ = 16384
 NO_STRUCTURE = 0xFFFFFFFF
 STRUCTURES, INDEX, PAGES = 1, 2, 3
 KINDS = {1: "mh", 2: "mmh", 3: "vector", 4: "mh-stack", 5: "mmh-stack", 6: "stack", 7: "quads"}
-MH, VECTOR, MASKED_KINDS = 1, 3, (1, 2, 3)
+MH, MMH, VECTOR, MASKED_KINDS = 1, 2, 3, (1, 2, 3)
 # guarantee of each policy, and the policies that have a parameter
 POLICIES, WITH_PARAMETER = {1: 1, 2: 1, 3: 1, 4: 2, 5: 1, 6: 3, 7: 4, 8: 3}, (3,)
 GUARANTEES = (1, 2, 3, 4)
@@ -278,7 +279,7 @@ class Structure:
         self.block_count = -(-self.page_count // self.records_per_block)
         self.first, self.end = pages.offset, pages.offset + pages.length
         self.ends, self.node_counts = {}, {}
-        self.blocks, self.pages = collections.OrderedDict(), collections.OrderedDict()
+        self.blocks, self.pages, self.lists = (collections.OrderedDict() for _ in range(3))
 
     def check_record(self, r, ordinal):
         """What one page record alone can break."""
@@ -366,12 +367,18 @@ class Structure:
             self.check_follows(records[-1], self.ends[number + 1][0], first + count)
         self.ends[number] = records[0], records[-1]
         keep(self.blocks, number, records, 8)
+        keep(self.lists, number, deps, 8)
         return records
 
     def record(self, ordinal):
         if ordinal == 0:
             return self.root_page
         return self.block(ordinal // self.records_per_block)[ordinal % self.records_per_block]
+
+    def dependencies(self, ordinal):
+        number = ordinal // self.records_per_block
+        r = self.block(number)[ordinal % self.records_per_block]
+        return self.lists[number][r.dep_first : r.dep_first + r.dep_count]
 
     def page(self, ordinal, whole=False):
         """The words of a page whose bytes, frame and nodes have been checked; None for a kind without a definition."""
@@ -395,10 +402,18 @@ class Structure:
         need(not flat or r.level_coarsest == 0, "page.level", at, r.level_coarsest)
         need(words[1] >> 24 == 0, "page.flags", at, words[1] >> 24)
         need(root_mask == 0 or (self.kind in MASKED_KINDS and not flat), "page.flags", at, root_mask)
-        if self.kind not in (MH, VECTOR):
+        if self.kind not in MASKED_KINDS:
             return None
-        self.check_place(words, r, ordinal, at)
-        if self.kind == MH:
+        if self.kind == MMH:
+            page = Merged(words, r, self.dependencies(ordinal) if r.dep_count else ())
+            page.check_plain(r, at)
+        if self.kind != MMH or not page.shared:
+            self.check_place(words, r, ordinal, at)
+        if self.kind == MMH:
+            counted = page.check(r, self.log2_resolution, at)
+            if ordinal < self.root_count:
+                page.check_values(r, 0, at)
+        elif self.kind == MH:
             page, counted = words, self.check_mh(words, r, at)
         else:
             page = Vector(words)
@@ -412,7 +427,8 @@ class Structure:
         """Form, root group and footprint of a page, alike in the kinds that have a layout."""
         root_mask, root_level, kind = words[0] >> 8 & 255, words[1] >> 16 & 255, KINDS[self.kind]
         is_root = ordinal < self.root_count
-        need(r.page_type == 0 and r.dep_count == 0, f"{kind}.plain", at, r.page_type)
+        plain = self.kind == MMH or (r.page_type == 0 and r.dep_count == 0)
+        need(plain, f"{kind}.plain", at, r.page_type)
         if is_root:
             good = root_mask in (LEAF, INNER) and root_level == self.log2_resolution
         else:
@@ -465,7 +481,7 @@ class Structure:
         """What this page says of each child page: its frame and footprint, its root, the depths of this page, and what
         holds above it, None where that is not known: a value, or a page with an entry and its origin. `above` is what
         holds above this page."""
-        if self.kind == VECTOR:
+        if self.kind != MH:
             return page.links(r, above)
         words = page
         said = [None] * (words[0] >> 16)
@@ -491,24 +507,26 @@ class Structure:
         words, kind = page if self.kind == MH else page.words, KINDS[self.kind]
         mask = words[0] >> 8 & 255
         found = (words[1] >> 16 & 255, r.origin_x, r.origin_y, r.root)
-        found = (mask, *found) if self.kind == MH else found
+        found = (mask, *found) if self.kind != VECTOR else found
         need(found == link, f"{kind}.link", at, f"{found}, the parent says {link}")
         within = f"{r.min_depth} to {r.max_depth}"
         good = lowest <= r.min_depth and r.max_depth <= highest
         need(good, f"{kind}.depths", at, f"{within}, the parent's are {lowest} to {highest}")
         if above is not None and any(mask >> 2 * c & 3 in (NONE, EMPTY) for c in range(4)):
-            if self.kind == MH:
+            if self.kind != VECTOR:
                 bounds = above, above
             else:
                 owner, entry, x, y = above
                 bounds = owner.bounds(entry, r.origin_x - x, r.origin_y - y, r.log2_x)
             good = r.min_depth <= bounds[0] and bounds[1] <= r.max_depth
             need(good, f"{kind}.depths", at, f"{within}, it inherits {bounds}")
+        if self.kind == MMH and above is not None:
+            page.check_values(r, above, at)
 
     def verify(self, report, summary):
         self.blocks.clear()
-        said, end, whole = collections.deque(), None, True
-        nodes = [0, 0, 0] if self.kind in (MH, VECTOR) else None
+        said, references, end, whole = collections.deque(), {}, None, True
+        nodes = [0, 0, 0] if self.kind in MASKED_KINDS else None
         self.ends = {}
         for ordinal in range(self.page_count):
             at = f"page {ordinal} of structure {self.number}"
@@ -531,7 +549,7 @@ class Structure:
             end = r.offset + 4 * stored_words(r)
             summary["pages"] += 1
             is_root = ordinal < self.root_count
-            announced = said.popleft() if said and not is_root else None
+            announced = said.popleft() if said and not is_root and ordinal < self.tree_pages else None
             try:
                 words = self.page(ordinal, whole=True)
             except Broken as e:
@@ -542,11 +560,16 @@ class Structure:
             counted = self.node_counts.pop(ordinal, None)
             nodes = [a + b for a, b in zip(nodes, counted)] if nodes and counted else None
             if said is not None:
-                above = announced[2] if announced else None
+                above = announced[2] if announced else 0 if self.kind == MMH and is_root else None
                 said.extend(self.links(words, r, above) if words else [None] * r.child_count)
-            if words and announced:
+            if words and said is not None:
                 try:
-                    self.check_link(announced, words, r, at)
+                    if self.kind == MMH and words.shared:
+                        words.check_references(references, ordinal, at)
+                    elif self.kind == MMH:
+                        words.note(references, r, above)
+                    if announced:
+                        self.check_link(announced, words, r, at)
                 except Broken as e:
                     report(e)
         if nodes is not None and nodes != list(self.counts[2:5]):
@@ -556,8 +579,8 @@ class Structure:
         """(value, level of the node, page, word) at texel (x, y) of level 0."""
         if self.kind == VECTOR:
             return self.lookup_vector(x, y, level, root)
-        ordinal, words = root, self.page(root)
-        mask, group, l = words[0] >> 8 & 255, 2, self.log2_resolution
+        ordinal, words = root, self.words(root)
+        mask, group, l, total = words[0] >> 8 & 255, 2, self.log2_resolution, 0
         answer = (UNCOVERED, l, root, 0)
         while True:
             c = (x >> l & 1) + 2 * (y >> l & 1)
@@ -566,15 +589,25 @@ class Structure:
                 return answer
             w = group + sum(NODE_WORDS[mask >> 2 * i & 3] for i in range(c))
             if kind != EMPTY:
-                answer = (words[w + (kind == INNER)], l, ordinal, w)
+                value = words[w + (kind == INNER)]
+                # In kind mmh it is a rise over the value above.
+                total = (total + value) % MODULUS if self.kind == MMH else value
+                answer = (total, l, ordinal, w)
             if kind == LEAF or l <= level:
                 return answer
             mask, place, group = words[w] & 255, words[w] >> 8 & 255, words[w] >> 16
             if place == 1:
                 ordinal = self.record(ordinal).first_child + group
-                words = self.page(ordinal)
+                words = self.words(ordinal)
                 mask, group = words[0] >> 8 & 255, 2
+            elif place > 1:
+                ordinal = self.dependencies(ordinal)[place - 2]
+                words = self.words(ordinal)
             l -= 1
+
+    def words(self, ordinal):
+        page = self.page(ordinal)
+        return page.words if self.kind == MMH else page
 
     def lookup_vector(self, x, y, level, root):
         """As `lookup`; the word is the node's number, 4 * group + c."""
@@ -682,7 +715,7 @@ def places(container, name, root, lines, out):
 
 
 def texels(container, name, root, lines, out):
-    s = rooted(container, name, root, (MH, VECTOR))
+    s = rooted(container, name, root, MASKED_KINDS)
     out.write("x,y,level,value,node_level,page,word\n")
     for fields, i, (x, y, level) in rows(lines, "x,y,level"):
         side = 1 << s.log2_resolution - level if 0 <= level <= s.log2_resolution else 0

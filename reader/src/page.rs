@@ -179,7 +179,11 @@ impl FrameChecked {
             });
         };
         let counts = counts.map_err(|e| structure.fault(e))?;
-        Ok(CheckedPage { ordinal, record, head, words, counts })
+        let dependencies = match record.dep_count.get() {
+            0 => Arc::from([]),
+            _ => structure.dependencies(ordinal)?.into(),
+        };
+        Ok(CheckedPage { ordinal, dependencies, record, head, words, counts })
     }
 }
 
@@ -187,6 +191,7 @@ impl FrameChecked {
 #[derive(Clone)]
 pub struct CheckedPage {
     ordinal: u32,
+    dependencies: Arc<[u32]>,
     record: PageRecord,
     head: FrameHead,
     words: Words,
@@ -212,6 +217,11 @@ impl CheckedPage {
     /// Its ordinal.
     pub fn ordinal(&self) -> u32 {
         self.ordinal
+    }
+
+    /// Ordinals of the shared pages that it depends on.
+    pub fn dependencies(&self) -> &[u32] {
+        &self.dependencies
     }
 
     /// Its nodes by type and the range of its values.

@@ -1,13 +1,13 @@
 //! Holds the stop errors of page records against the truth: how far the answer that a reader gives without a page lies
 //! from the intervals of the texels in the page's footprint.
 //!
-//! That answer is what the page inherits from above: in `mh` one value, in `vector` an entry, evaluated at the texel.
+//! That answer is what the page inherits from above: in `mh` and `mmh` one value, in `vector` an entry, evaluated at the texel.
 //! Most texels need no exact look: where the stored value, which lies in the texel's interval, is within the stop error
 //! of the inherited one, so is the interval.
 
 use umbrage_format::Kind;
 use umbrage_format::projection::UNCOVERED;
-use umbrage_reader::query::{Map, PageView, mh, vector};
+use umbrage_reader::query::{Map, PageView, mh, mmh, vector};
 use umbrage_reader::{ReaderError, Structure};
 
 use super::{Interval, Region};
@@ -112,7 +112,7 @@ impl StopTally {
 
 /// The promises of all pages of root 0.
 pub struct Stops {
-    /// The pages whose entries answer; in kind `mh` none, as the values are known.
+    /// The pages whose entries answer; in kinds `mh` and `mmh` none, as the values are known.
     map: Option<Map>,
     stops: Vec<Stop>,
     roots: u32,
@@ -120,7 +120,7 @@ pub struct Stops {
 
 /// A page that the map has loaded.
 fn view(map: &Map, ordinal: u32) -> Option<PageView<'_>> {
-    map.resident(ordinal).map(|p| PageView { words: p.words(), first_child: p.record().first_child.get() })
+    map.view(ordinal)
 }
 
 impl Stops {
@@ -148,6 +148,8 @@ impl Stops {
                     d if d.missing == Some(root) => Inherited::Value(d.value),
                     d => Inherited::Entry { page: d.page, node: d.word },
                 },
+                // On the way to a page lie no shared ones.
+                Kind::Mmh => Inherited::Value(mmh::descend(there, root, log2, x, y, 0).value),
                 _ => Inherited::Value(mh::descend(there, root, log2, x, y, 0).value),
             };
             Ok(Stop {
@@ -160,7 +162,7 @@ impl Stops {
                 children: record.child_count.get().into(),
             })
         };
-        let stops = (0..structure.page_count()).map(stop).collect::<Result<_, _>>()?;
+        let stops = (0..structure.record().tree_pages()).map(stop).collect::<Result<_, _>>()?;
         Ok(Self { map: (structure.kind() == Kind::Vector).then_some(map), stops, roots })
     }
 

@@ -4,8 +4,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use serde_json::{Value, json};
+use umbrage::format::Kind;
 use umbrage::writer::bake::{BakeError, BakeOptions, Baked, Light, bake};
 use umbrage::writer::container::Target;
+use umbrage::writer::hierarchy::mmh;
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
@@ -29,14 +31,21 @@ pub struct Args {
     #[arg(long, allow_negative_numbers = true, value_parser = parse_resolution)]
     resolution: Option<u64>,
     /// How texels are encoded
-    #[arg(long, default_value = "mh", value_parser = ["mh", "vector"])]
+    #[arg(long, default_value = "mh", value_parser = ["mh", "mmh", "vector"])]
     kind: String,
+    /// Of kind mmh: subtrees that each one is held against, the nearest of its shape; 1000 without it
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole::<u32>(0, u32::MAX.into()))]
+    search: Option<u32>,
     /// How depth intervals come from geometry: closed, one-sided, thickness:T, second-surface or auto
     #[arg(long, default_value = "auto")]
     policy: Policy,
     /// exhaustive looks at every texel, for comparison
     #[arg(long, default_value = "proofs", value_parser = ["proofs", "exhaustive"])]
     builder: String,
+    /// How kinds mh and mmh choose the value of a node: bottom-up from its four children, or top-down from all texels of
+    /// a tile of 256 x 256
+    #[arg(long, default_value = "bottom-up", value_parser = ["bottom-up", "top-down"])]
+    values: String,
     /// Most memory to hold, MiB
     #[arg(long, value_name = "MIB", allow_negative_numbers = true, value_parser = whole::<u64>(0, 1 << 40))]
     memory: Option<u64>,
@@ -100,12 +109,18 @@ pub fn run(args: Args) -> Result<(), Failure> {
     if args.kind == "vector" && args.builder == "exhaustive" {
         return Err(Failure::new(USAGE, "--builder exhaustive is for --kind mh; leave one of them out"));
     }
+    if args.kind != "mmh" && args.search.is_some() {
+        return Err(Failure::new(USAGE, "--search is for --kind mmh; leave one of them out"));
+    }
+    if args.values == "top-down" && (args.kind == "vector" || layers::are(&args.scene)) {
+        return Err(Failure::new(USAGE, "--values top-down is for geometry and --kind mh or mmh; leave it out"));
+    }
     if layers::are(&args.scene) {
-        if args.kind == "vector" {
-            let scene = &args.scene;
+        if args.kind != "mh" {
+            let (kind, scene) = (&args.kind, &args.scene);
             return Err(Failure::new(
                 USAGE,
-                format!("--kind vector needs geometry; {scene} is depth layers: use --kind mh"),
+                format!("--kind {kind} needs geometry; {scene} is depth layers: use --kind mh"),
             ));
         }
         let light = layers::one_light(&args.light)?;
@@ -143,7 +158,13 @@ pub fn run(args: Args) -> Result<(), Failure> {
         lights,
         resolution: args.resolution.unwrap_or(16384),
         policy: args.policy,
-        kind: if args.kind == "vector" { umbrage::format::Kind::Vector } else { umbrage::format::Kind::Mh },
+        kind: match args.kind.as_str() {
+            "vector" => Kind::Vector,
+            "mmh" => Kind::Mmh,
+            _ => Kind::Mh,
+        },
+        top_down: args.values == "top-down",
+        mmh: args.search.map_or_else(Default::default, |search| mmh::Options { search }),
         exhaustive: args.builder == "exhaustive",
         memory_bytes,
     };
@@ -215,10 +236,24 @@ pub fn report(baked: &Baked, options: &BakeOptions, load: f64, total: f64) -> Va
                 "boundary_edges": l.components.boundary_edges, "flipped": l.components.flipped,
                 "cavities": l.components.cavities, "collapsed_triangles": l.components.collapsed,
             },
+            "merge": l.merged.as_ref().map(merged),
             "texels": {
                 "proven": l.counts.effort.proven, "refuted": l.counts.effort.refuted,
                 "divided": l.counts.effort.divided, "exact_squares": l.counts.effort.exact,
             },
         })).collect::<Vec<_>>(),
+    })
+}
+
+/// What merging did, for programs: tables 2.6 to 2.8 of Scandolo 2019.
+fn merged(r: &mmh::Report) -> Value {
+    let pairs =
+        r.pairs.iter().enumerate().skip(1).map(
+            |(height, p)| json!({ "height": height, "merged": p.merged, "intervals": p.intervals, "nodes": p.nodes }),
+        );
+    json!({
+        "words": r.words_before, "words_merged": r.words_merged, "words_paged": r.words_paged,
+        "shared_pages": r.shared_pages, "dependencies": r.dependencies[0], "most_dependencies": r.dependencies[1],
+        "pairs": pairs.collect::<Vec<_>>(), "seconds": { "match": r.seconds[0], "pages": r.seconds[1] },
     })
 }

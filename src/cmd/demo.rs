@@ -68,6 +68,8 @@ pub fn run(args: Args) -> Result<(), Failure> {
         policy: Policy::Closed,
         kind: Kind::Vector,
         exhaustive: false,
+        top_down: false,
+        mmh: Default::default(),
         memory_bytes: None,
     };
     let watched = Watched::start(args.resolution.saturating_mul(args.resolution));

@@ -97,7 +97,11 @@ fn both_readers_answer_alike_between_centres() {
         let sub = [i * 89 % 256, i * 31 % 256].map(|v| v as u8);
         let answer = map.continuous(x, y, sub).unwrap();
         let page = map.page(answer.page).unwrap();
-        let view = PageView { words: page.words(), first_child: page.record().first_child.get() };
+        let view = PageView {
+            words: page.words(),
+            first_child: page.record().first_child.get(),
+            dependencies: page.dependencies(),
+        };
         let proven = vector::is_proven(view, answer.word);
         proofs[usize::from(proven)] += 1;
         writeln!(rows, "{x},{y},{},{}", sub[0], sub[1]).unwrap();

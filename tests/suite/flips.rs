@@ -71,7 +71,8 @@ fn answers(file: &Container) -> Vec<Option<u32>> {
 /// Every answer that needs a page lies in the depths of its record. For files without a fault.
 fn within_depths(file: &Container) {
     for s in file.structures().filter(|s| s.kind().has_layout()) {
-        let pages: Vec<_> = (0..s.page_count()).map(|i| s.page_record(i).unwrap()).collect();
+        // Shared pages have no footprint: their groups answer in those of others.
+        let pages: Vec<_> = (0..s.record().tree_pages()).map(|i| s.page_record(i).unwrap()).collect();
         let map = Map::new(s).unwrap();
         for (i, r) in pages.iter().enumerate() {
             for (x, y, level) in points(r.log2_x).filter(|p| p.2 <= r.level_coarsest) {

@@ -56,14 +56,18 @@ fn check(mesh: &Mesh, direction: [f64; 3], resolution: u32, policy: Policy, exha
     let lattice = frame::orthographic(direction, k, &mesh.positions, behind).unwrap();
     let snapped = snap(mesh, lattice, policy).unwrap();
     let guard = if resolution == 64 { 1000 } else { 3 };
-    let tree = build(&snapped, Options { exhaustive, guard }, Spool::in_memory(), &Default::default()).unwrap();
-    let pages: Vec<Page> = tree.spool.pages(tree.root).map(Result::unwrap).collect();
-    let oracle = Oracle::new(&snapped).with_guard(guard);
-    let region = Region { x: 0, y: 0, width: resolution, height: resolution };
-    let t = oracle.check(region, |x, y| stored(&pages, resolution, x, y));
-    assert_eq!(t.wrong, 0, "{direction:?} {resolution} {policy:?}: {:?}", t.examples);
-    assert_eq!(t.edge(), tree.counts.edge_texels, "{direction:?} {resolution} {policy:?}");
-    assert_eq!(t.thin, tree.counts.thin_texels, "{direction:?} {resolution} {policy:?}");
+    for top_down in [false, true] {
+        let options = Options { exhaustive, guard, top_down };
+        let tree = build(&snapped, options, Spool::in_memory(), &Default::default()).unwrap();
+        let pages: Vec<Page> = tree.spool.pages(tree.root).map(Result::unwrap).collect();
+        let oracle = Oracle::new(&snapped).with_guard(guard);
+        let region = Region { x: 0, y: 0, width: resolution, height: resolution };
+        let t = oracle.check(region, |x, y| stored(&pages, resolution, x, y));
+        let case = format!("{direction:?} {resolution} {policy:?}, top-down {top_down}");
+        assert_eq!(t.wrong, 0, "{case}: {:?}", t.examples);
+        assert_eq!(t.edge(), tree.counts.edge_texels, "{case}");
+        assert_eq!(t.thin, tree.counts.thin_texels, "{case}");
+    }
 }
 
 /// The same for kind `vector`, whose edge texels are counted by lines where lines prove a square; and its continuous
@@ -74,14 +78,14 @@ fn check_vector(mesh: &Mesh, direction: [f64; 3], resolution: u32, policy: Polic
     let lattice = frame::orthographic(direction, k, &mesh.positions, behind).unwrap();
     let snapped = snap(mesh, lattice, policy).unwrap();
     let guard = if resolution == 64 { 1000 } else { 3 };
-    let options = Options { exhaustive: false, guard };
+    let options = Options { exhaustive: false, guard, top_down: false };
     let tree = vector::build::build(&snapped, options, Spool::in_memory(), &Default::default()).unwrap();
     let pages: Vec<Page> = tree.spool.pages(tree.root).map(Result::unwrap).collect();
     let oracle = Oracle::new(&snapped).with_guard(guard);
     let region = Region { x: 0, y: 0, width: resolution, height: resolution };
     let page = |o: u32| {
         let page = &pages[o as usize];
-        Some(PageView { words: &page.draft.words, first_child: page.first_child })
+        Some(PageView { words: &page.draft.words, first_child: page.first_child, dependencies: &[] })
     };
     let t = oracle.check(region, |x, y| descend(page, 0, k, x, y, 0).value);
     assert_eq!(t.wrong, 0, "{direction:?} {resolution} {policy:?}: {:?}", t.examples);

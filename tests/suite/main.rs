@@ -11,6 +11,10 @@ mod layers;
 mod limits;
 mod losing;
 mod masks;
+mod mmh;
+#[allow(dead_code, reason = "of the reader's tests, which use all of it")]
+#[path = "../../reader/tests/suite/mmh_tree.rs"]
+mod mmh_tree;
 mod openexr;
 mod python;
 mod round_trip;

@@ -120,6 +120,8 @@ fn a_baked_file_answers_alike() {
         policy: Policy::Closed,
         kind: umbrage::format::Kind::Mh,
         exhaustive: false,
+        top_down: false,
+        mmh: Default::default(),
         memory_bytes: None,
     };
     bake(&scene::generated("city:1:0.05").unwrap().unwrap(), &options, &path, &Default::default()).unwrap();

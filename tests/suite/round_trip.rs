@@ -30,6 +30,8 @@ impl File {
             policy,
             kind: Kind::Mh,
             exhaustive,
+            top_down: false,
+            mmh: Default::default(),
             memory_bytes: None,
         };
         let baked = bake(&mesh, &options, &folder.join("map.umb"), &Default::default()).unwrap();
@@ -118,6 +120,8 @@ fn a_direction_of_any_length_becomes_a_unit_vector() {
             policy: Policy::Thickness(0.5),
             kind: umbrage::format::Kind::Mh,
             exhaustive: false,
+            top_down: false,
+            mmh: Default::default(),
             memory_bytes: None,
         };
         let path = folder.0.join("map.umb");

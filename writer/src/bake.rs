@@ -12,10 +12,10 @@ use xxhash_rust::xxh3::Xxh3;
 
 use crate::container::{ContainerOptions, ContainerWriter, PageInput, WriteError, Written};
 use crate::frame::{self, FrameError};
-use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree, build};
+use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree, build, build_whole};
 use crate::hierarchy::page::Page;
 use crate::hierarchy::spool::Spool;
-use crate::hierarchy::vector;
+use crate::hierarchy::{mmh, vector};
 use crate::mesh::Mesh;
 use crate::solid::{self, Components, Policy, SnappedMesh, SolidError};
 
@@ -49,10 +49,14 @@ pub struct BakeOptions {
     pub resolution: u64,
     /// How depth intervals come from geometry.
     pub policy: Policy,
-    /// How texels are encoded: `mh` or `vector`.
+    /// How texels are encoded: `mh`, `mmh` or `vector`.
     pub kind: Kind,
-    /// Ask every texel, also where a whole square is proven. Of kind `mh` alone.
+    /// Ask every texel, also where a whole square is proven. Of kinds `mh` and `mmh`.
     pub exhaustive: bool,
+    /// Choose values from above within tiles (algorithm 1 of Scandolo 2019), not from below. Of kinds `mh` and `mmh`.
+    pub top_down: bool,
+    /// How kind `mmh` merges.
+    pub mmh: mmh::Options,
     /// Most bytes that may be held at once, the mesh included; none: no limit.
     pub memory_bytes: Option<u64>,
 }
@@ -111,6 +115,8 @@ pub struct LightReport {
     pub displacement: f64,
     /// What the mesh is made of.
     pub components: Components,
+    /// What merging did, in kind `mmh`.
+    pub merged: Option<mmh::Report>,
 }
 
 /// Seconds of each stage, all lights together.
@@ -156,7 +162,7 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
     let geometry = check_memory(mesh, options)?;
     let file_id = file_id(mesh, options);
     let mut seconds = Seconds::default();
-    let mut done: Vec<(StructureRecord, Tree, LightReport)> = Vec::new();
+    let mut done: Vec<(StructureRecord, Built, LightReport)> = Vec::new();
     let mut last: Option<SnappedMesh> = None;
     for light in &options.lights {
         // the geometry of the light before is no longer needed
@@ -166,17 +172,21 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
         let snapped = solid::snap(mesh, lattice, options.policy)?;
         seconds.snap += start.elapsed().as_secs_f64();
         let start = Instant::now();
-        let held = geometry + done.iter().map(|d| d.1.spool.held()).sum::<u64>();
+        let held = geometry + done.iter().map(|d| d.1.held()).sum::<u64>();
         let left = options.memory_bytes.map(|budget| budget.saturating_sub(held).max(1));
         progress.begin(left.unwrap_or(0));
-        let spool = spool(target, left);
         let error = transform_error(mesh, &snapped.lattice);
-        let how = Options { exhaustive: options.exhaustive, guard: guard(error) };
-        let tree = match options.kind {
-            Kind::Vector => vector::build::build(&snapped, how, spool, progress),
-            _ => build(&snapped, how, spool, progress),
+        let how = Options { exhaustive: options.exhaustive, guard: guard(error), top_down: options.top_down };
+        let spool = || spool(target, left);
+        let built = match options.kind {
+            Kind::Vector => vector::build::build(&snapped, how, spool(), progress).map(Built::from),
+            Kind::Mmh => build_whole(&snapped, how, progress).and_then(|(forest, root, counts)| {
+                mmh::build(forest, root, counts, snapped.lattice.log2_resolution, options.mmh, progress)
+                    .map(Built::Whole)
+            }),
+            _ => build(&snapped, how, spool(), progress).map(Built::from),
         };
-        let tree = tree.map_err(|stop| match stop {
+        let tree = built.map_err(|stop| match stop {
             Stop::Cancelled => BakeError::Cancelled,
             Stop::Spool(e) => BakeError::Write(e),
             Stop::Budget => {
@@ -185,18 +195,16 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
             }
         })?;
         if options.lights.len() > 1 {
-            tree.spool.put_aside();
-            if let Some(e) = tree.spool.failed() {
-                return Err(e.into());
-            }
+            tree.put_aside()?;
         }
         seconds.build += start.elapsed().as_secs_f64();
         let record = structure(mesh, light, options, &snapped, &tree, error)?;
         let report = LightReport {
             name: light.name.clone(),
-            counts: tree.counts,
-            nodes: tree.spool.nodes(),
-            pages: tree.spool.len().into(),
+            counts: tree.counts(),
+            nodes: tree.nodes(),
+            pages: tree.pages().into(),
+            merged: if let Built::Whole(w) = &tree { Some(w.merged.clone()) } else { None },
             displacement: snapped.displacement,
             components: snapped.components,
         };
@@ -216,6 +224,60 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
     })
 }
 
+/// A finished tree of any kind.
+#[derive(Debug)]
+pub(crate) enum Built {
+    /// Cut into pages while it was built.
+    Paged(Tree),
+    /// Merged as a whole, then cut.
+    Whole(mmh::Tree),
+}
+
+impl From<Tree> for Built {
+    fn from(tree: Tree) -> Self {
+        Built::Paged(tree)
+    }
+}
+
+impl Built {
+    fn counts(&self) -> Counts {
+        match self {
+            Built::Paged(t) => t.counts,
+            Built::Whole(t) => t.counts,
+        }
+    }
+
+    fn nodes(&self) -> [u64; 3] {
+        match self {
+            Built::Paged(t) => t.spool.nodes(),
+            Built::Whole(t) => t.pages.nodes,
+        }
+    }
+
+    /// Pages, shared ones included.
+    pub(crate) fn pages(&self) -> u32 {
+        match self {
+            Built::Paged(t) => t.spool.len(),
+            Built::Whole(t) => t.pages.pages.len() as u32,
+        }
+    }
+
+    /// Bytes in memory.
+    fn held(&self) -> u64 {
+        match self {
+            Built::Paged(t) => t.spool.held(),
+            Built::Whole(t) => t.pages.held(),
+        }
+    }
+
+    /// Puts the pages into the spool's file where there is one; those of a whole tree stay.
+    fn put_aside(&self) -> Result<(), WriteError> {
+        let Built::Paged(tree) = self else { return Ok(()) };
+        tree.spool.put_aside();
+        tree.spool.failed().map_or(Ok(()), Err)
+    }
+}
+
 /// Where the pages of one tree wait, within a share of what is left of the budget.
 pub(crate) fn spool(target: &Path, left: Option<u64>) -> Spool {
     Spool::beside(target, left.map_or(SPOOL, |l| (l / 4).clamp(SPOOL_LEAST, SPOOL)) as usize)
@@ -225,18 +287,26 @@ pub(crate) fn spool(target: &Path, left: Option<u64>) -> Spool {
 pub(crate) fn write(
     target: &Path,
     file_id: FileId,
-    trees: Vec<(StructureRecord, Tree)>,
+    trees: Vec<(StructureRecord, Built)>,
     progress: &Progress,
 ) -> Result<Written, BakeError> {
     let records = trees.iter().map(|t| t.0).collect();
     let mut writer = ContainerWriter::create(target, ContainerOptions::new(file_id), records)?;
     for (record, tree) in trees {
         let kind = record.kind().unwrap_or(Kind::Mh);
-        for (ordinal, page) in tree.spool.pages(tree.root).enumerate() {
+        let mut push = |page: PageInput| {
             if progress.cancel.load(Ordering::Relaxed) {
                 return Err(BakeError::Cancelled);
             }
-            writer.push(&input(page?, kind, ordinal == 0))?;
+            Ok(writer.push(&page)?)
+        };
+        match tree {
+            Built::Paged(tree) => tree
+                .spool
+                .pages(tree.root)
+                .enumerate()
+                .try_for_each(|(ordinal, page)| push(input(page?, kind, ordinal == 0)))?,
+            Built::Whole(whole) => whole.pages.pages.into_iter().try_for_each(push)?,
         }
     }
     Ok(writer.finish()?)
@@ -285,6 +355,12 @@ fn file_id(mesh: &Mesh, options: &BakeOptions) -> FileId {
     number(code.into());
     number(parameter.to_bits());
     number(u64::from(options.exhaustive) | u64::from(options.kind.code() - 1) << 1);
+    if options.kind == Kind::Mmh {
+        number(options.mmh.search.into());
+    }
+    if options.top_down {
+        number(1);
+    }
     number(options.lights.len() as u64);
     for l in &options.lights {
         number(l.name.len() as u64);
@@ -346,7 +422,7 @@ fn structure(
     light: &Light,
     options: &BakeOptions,
     snapped: &SnappedMesh,
-    tree: &Tree,
+    tree: &Built,
     error: f64,
 ) -> Result<StructureRecord, FrameError> {
     // A unit vector for directions of any length.
@@ -364,11 +440,15 @@ fn structure(
     r.policy = policy.into();
     r.policy_parameter = parameter.into();
     r.guarantee = if snapped.second_surface { STATIC_SURFACES_ONLY } else { EVERYWHERE }.into();
-    r.edge_texels = tree.counts.edge_texels.into();
-    r.thin_texels = tree.counts.thin_texels.into();
+    r.edge_texels = tree.counts().edge_texels.into();
+    r.thin_texels = tree.counts().thin_texels.into();
     r.triangles = (mesh.triangles.len() as u64).into();
     r.root_count = 1.into();
-    r.page_count = tree.spool.len().into();
+    r.page_count = tree.pages().into();
+    if let Built::Whole(whole) = tree {
+        r.shared_pages = whole.pages.shared.into();
+        (r.index_block_log2, r.records_per_block) = whole.pages.blocks();
+    }
     Ok(r)
 }
 

@@ -1,6 +1,7 @@
 //! The registry of kinds: how the words of a page are read. One room for each kind that has a layout.
 //!
 //! - [`mh`]: quadtree of leaf, inner and empty nodes with absolute values (Scandolo et al. 2016, section 3.2);
+//! - [`mmh`]: the same with values as differences and subtrees that are stored once (Scandolo 2019, section 2.6);
 //! - [`vector`]: quadtree whose nodes refer to planes, silhouette lines and small pictures in a palette;
 //! - [`tree`]: what these have in common: the checks of any page whose kind has a layout.
 //!
@@ -8,6 +9,7 @@
 //! this version hands out their bytes and answers no query.
 
 pub mod mh;
+pub mod mmh;
 pub mod tree;
 pub mod vector;
 
@@ -66,7 +68,7 @@ impl Kind {
 
     /// Whether the kind has a layout, so that its pages can be checked and queried.
     pub const fn has_layout(self) -> bool {
-        matches!(self, Kind::Mh | Kind::Vector)
+        matches!(self, Kind::Mh | Kind::Mmh | Kind::Vector)
     }
 
     /// Whether the root group's types fit the 8-bit mask of the frame: kinds of 4 children.

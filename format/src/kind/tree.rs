@@ -11,7 +11,7 @@
 
 use alloc::boxed::Box;
 
-use super::{Kind, mh, vector};
+use super::{Kind, mh, mmh, vector};
 use crate::error::{FormatError, Rule, Value};
 use crate::page::{FrameHead, PageContext};
 
@@ -20,6 +20,8 @@ use crate::page::{FrameHead, PageContext};
 pub enum Link {
     /// Of a page of kind `mh`.
     Mh(mh::Link),
+    /// Of a page of kind `mmh`.
+    Mmh(mmh::Link),
     /// Of a page of kind `vector`; it holds the planes of what is inherited.
     Vector(Box<vector::Link>),
 }
@@ -32,6 +34,7 @@ pub enum Link {
 pub fn check(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Option<Result<PageCounts, FormatError>> {
     match cx.record.kind()? {
         Kind::Mh => Some(mh::check(page, head, cx)),
+        Kind::Mmh => Some(mmh::check(page, head, cx)),
         Kind::Vector => Some(vector::check(page, head, cx)),
         _ => None,
     }
@@ -52,6 +55,9 @@ pub fn links(
             let above = if let Some(Link::Mh(link)) = said { link.inherited } else { None };
             mh::links(page, head, cx, above, |child, link| visit(child, Link::Mh(link)));
         }
+        Some(Kind::Mmh) => {
+            mmh::links(page, head, cx, inherited(said, cx), |child, link| visit(child, Link::Mmh(link)));
+        }
         Some(Kind::Vector) => {
             let above = if let Some(Link::Vector(link)) = said { link.inherited.as_ref() } else { None };
             vector::links(page, head, cx, above, |child, link| visit(child, Link::Vector(link.into())));
@@ -60,13 +66,23 @@ pub fn links(
     }
 }
 
-/// Holds a page against what its parent said of it.
+/// The value above a page of kind `mmh`, of which its parent said this; none where it is not known.
+pub fn inherited(said: Option<&Link>, cx: &PageContext<'_>) -> Option<u32> {
+    match said {
+        Some(Link::Mmh(link)) => link.inherited,
+        // Above a root node lies 0.
+        _ => cx.is_root().then_some(0),
+    }
+}
+
+/// Holds a checked page against what its parent said of it.
 ///
 /// # Errors
-/// The rules of the kind about links and depths.
-pub fn check_link(link: &Link, head: &FrameHead, cx: &PageContext<'_>) -> Result<(), FormatError> {
+/// The rules of the kind about links, depths and, in `mmh`, values.
+pub fn check_link(link: &Link, page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<(), FormatError> {
     match link {
         Link::Mh(link) => mh::check_link(link, head, cx),
+        Link::Mmh(link) => mmh::check_link(link, page, head, cx),
         Link::Vector(link) => vector::check_link(link, head, cx),
     }
 }
@@ -120,6 +136,12 @@ pub(super) fn check_place(head: &FrameHead, cx: &PageContext<'_>, rules: [Rule; 
         let found = Value::Text("a flat or shared page, or dependencies");
         return Err(cx.fault(plain, 0, Value::Text("a page of the tree"), found));
     }
+    check_root(head, cx, [root, footprint])
+}
+
+/// The part of [`check_place`] about root group and footprint.
+pub(super) fn check_root(head: &FrameHead, cx: &PageContext<'_>, rules: [Rule; 2]) -> Result<(), FormatError> {
+    let [root, footprint] = rules;
     let found = Value::Hex(head.root_mask.into());
     if cx.is_root() {
         let full = head.root_mask == mh::NodeType::Leaf as u8 || head.root_mask == mh::NodeType::Inner as u8;

@@ -10,7 +10,9 @@
 
 use std::collections::VecDeque;
 
-use umbrage_format::kind::tree::{Link, check_link, links};
+use umbrage_format::Kind;
+use umbrage_format::kind::mmh::References;
+use umbrage_format::kind::tree::{Link, check_link, inherited, links};
 
 use crate::page::context;
 use crate::{CheckedPage, ReaderError, Structure};
@@ -20,6 +22,8 @@ use crate::{CheckedPage, ReaderError, Structure};
 pub(crate) struct Follow {
     /// None where the parent could not be read.
     announced: VecDeque<Option<Link>>,
+    /// What nodes of tree pages said of groups in shared pages.
+    references: References,
 }
 
 impl Follow {
@@ -29,7 +33,17 @@ impl Follow {
     /// The rules of the kind about links and depths.
     pub(crate) fn page(&mut self, structure: &Structure, page: &CheckedPage) -> Result<(), ReaderError> {
         let cx = context(structure, page.ordinal(), page.record());
+        if page.record().is_shared() {
+            if structure.kind() == Kind::Mmh {
+                return self.references.check(page.words(), &cx).map_err(|e| structure.fault(e));
+            }
+            return Ok(());
+        }
         let said = if cx.is_root() { None } else { self.announced.pop_front().flatten() };
+        if structure.kind() == Kind::Mmh {
+            let above = inherited(said.as_ref(), &cx);
+            self.references.note(page.words(), page.head(), &cx, page.dependencies(), above);
+        }
         let first = self.announced.len();
         self.announced.resize(first + usize::from(page.head().child_refs), None);
         links(page.words(), page.head(), &cx, said.as_ref(), |child, link| {
@@ -38,7 +52,7 @@ impl Follow {
             }
         });
         match said {
-            Some(link) => check_link(&link, page.head(), &cx).map_err(|e| structure.fault(e)),
+            Some(link) => check_link(&link, page.words(), page.head(), &cx).map_err(|e| structure.fault(e)),
             None => Ok(()),
         }
     }

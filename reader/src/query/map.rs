@@ -13,7 +13,7 @@ use std::sync::OnceLock;
 use umbrage_format::projection::Lattice;
 use umbrage_format::{FormatError, Kind, Place, Rule, Value};
 
-use super::{Resident, Visibility, locate, mh, vector};
+use super::{Resident, Visibility, locate, mh, mmh, vector};
 use crate::{CheckedPage, ReaderError, Structure};
 
 /// A page as the walk sees it.
@@ -23,6 +23,8 @@ pub struct PageView<'a> {
     pub words: &'a [u32],
     /// Ordinal of its first child page.
     pub first_child: u32,
+    /// Ordinals of the shared pages that it depends on.
+    pub dependencies: &'a [u32],
 }
 
 /// Where a walk ended.
@@ -35,8 +37,8 @@ pub struct Descent {
     pub level: u8,
     /// Page of that node.
     pub page: u32,
-    /// That node in its page. In `mh` its word: the value is in this word for a leaf, in the next for an inner node. In
-    /// `vector` its number: `4 * group + c`.
+    /// That node in its page. In `mh` and `mmh` its word: the value, or the rise, is in this word for a leaf, in the
+    /// next for an inner node. In `vector` its number: `4 * group + c`.
     pub word: u32,
     /// The page that the walk needed and did not get: the answer is then that of the nearest ancestor.
     pub missing: Option<u32>,
@@ -51,12 +53,12 @@ pub struct Answer {
     pub level: u8,
     /// Page of that node.
     pub page: u32,
-    /// That node in its page: its word in `mh`, its number `4 * group + c` in `vector`.
+    /// That node in its page: its word in `mh` and `mmh`, its number `4 * group + c` in `vector`.
     pub word: u32,
 }
 
-/// A structure of kind `mh` or `vector` whose pages are loaded and checked when a lookup first needs them, and then kept. May be
-/// used from any thread.
+/// A structure of kind `mh`, `mmh` or `vector` whose pages are loaded and checked when a lookup first needs them, and
+/// then kept. May be used from any thread.
 #[derive(Debug)]
 pub struct Map {
     structure: Structure,
@@ -123,13 +125,18 @@ impl Map {
     /// What walks read of a page if it is loaded.
     pub fn view(&self, ordinal: u32) -> Option<PageView<'_>> {
         let page = self.resident(ordinal)?;
-        Some(PageView { words: page.words(), first_child: page.record().first_child.get() })
+        Some(PageView {
+            words: page.words(),
+            first_child: page.record().first_child.get(),
+            dependencies: page.dependencies(),
+        })
     }
 
     fn walk(&self, root: u32, x: u32, y: u32, level: u8) -> Descent {
         let log2 = self.structure.record().log2_resolution;
         match self.structure.kind() {
             Kind::Vector => vector::descend(|o| self.view(o), root, log2, x, y, level),
+            Kind::Mmh => mmh::descend(|o| self.view(o), root, log2, x, y, level),
             _ => mh::descend(|o| self.view(o), root, log2, x, y, level),
         }
     }
@@ -151,7 +158,7 @@ impl Map {
     }
 
     /// Answer of root 0 at a place inside texel (x, y): `sub` is the place in 1/256 of the texel from its corner of
-    /// smallest x and y. Where the entry is not proven there, and in kind `mh`, the texel's own answer. A proven
+    /// smallest x and y. Where the entry is not proven there, and in kinds `mh` and `mmh`, the texel's own answer. A proven
     /// one is right on a ray within 2^-12 texel of the place, but for a few steps of depth (spec/vector.md, Proofs).
     ///
     /// # Errors

@@ -70,12 +70,12 @@ pub fn descend<'a>(
     }
 }
 
-fn next(words: &[u32], at: u32) -> u32 {
+pub(super) fn next(words: &[u32], at: u32) -> u32 {
     words.get(at as usize + 1).copied().unwrap_or(0)
 }
 
 /// Types of a page's root group.
-fn root_mask(words: &[u32]) -> Mask {
+pub(super) fn root_mask(words: &[u32]) -> Mask {
     let [_, mask, _, _] = words.first().copied().unwrap_or(0).to_le_bytes();
     Mask(mask)
 }

@@ -12,7 +12,7 @@ use umbrage_format::Kind;
 use umbrage_format::projection::{Lattice, UNCOVERED};
 
 use super::follow::Follow;
-use super::{Map, Visibility, locate, mh, vector};
+use super::{Map, Visibility, locate, mh, mmh, vector};
 use crate::ReaderError;
 
 /// Levels that the grid of walks spans at most: 256 x 256 cells of 20 bytes.
@@ -30,6 +30,7 @@ pub struct Resident {
 #[derive(Debug)]
 enum Tree {
     Mh(mh::resident::Tree),
+    Mmh(mmh::resident::Tree),
     Vector(vector::resident::Tree),
 }
 
@@ -46,7 +47,7 @@ impl Resident {
         map.allow_words(total)?;
         let mut words = Vec::with_capacity(usize::try_from(total).unwrap_or(0));
         let mut pages = Vec::with_capacity(count as usize);
-        let mut held = 0;
+        let (mut held, mut dependencies, mut lists) = (0, Vec::new(), Vec::new());
         let mut follow = Follow::default();
         for ordinal in 0..count {
             if !go_on() {
@@ -58,6 +59,8 @@ impl Resident {
             // Fits: `allow_words` has seen the sum.
             let (first, record) = (u32::try_from(words.len()).unwrap_or(u32::MAX), page.record());
             let origin = (record.origin_x.get(), record.origin_y.get());
+            lists.push(u32::try_from(dependencies.len()).unwrap_or(u32::MAX));
+            dependencies.extend_from_slice(page.dependencies());
             pages.push(vector::resident::Page { first, first_child: record.first_child.get(), origin });
             words.extend_from_slice(page.words());
             if structure.kind() == Kind::Vector {
@@ -69,6 +72,16 @@ impl Resident {
             Kind::Vector => {
                 map.allow_words(held)?;
                 Tree::Vector(vector::resident::Tree::new(&words, &pages, log2_resolution))
+            }
+            Kind::Mmh => {
+                map.allow_words(total + dependencies.len() as u64)?;
+                let page = |(p, dependencies): (&vector::resident::Page, u32)| mmh::resident::Page {
+                    first: p.first,
+                    first_child: p.first_child,
+                    dependencies,
+                };
+                let pages = pages.iter().zip(lists).map(page).collect();
+                Tree::Mmh(mmh::resident::Tree::new(words, pages, &dependencies, log2_resolution))
             }
             _ => {
                 let pages = pages.iter().map(|p| (p.first, p.first_child)).collect();
@@ -92,6 +105,7 @@ impl Resident {
         }
         match &self.tree {
             Tree::Mh(tree) => tree.value(x, y, level),
+            Tree::Mmh(tree) => tree.value(x, y, level),
             Tree::Vector(tree) => tree.value(x, y, level),
         }
     }
@@ -104,6 +118,7 @@ impl Resident {
         }
         match &self.tree {
             Tree::Mh(tree) => tree.value(x, y, 0),
+            Tree::Mmh(tree) => tree.value(x, y, 0),
             Tree::Vector(tree) => tree.continuous(x, y, sub),
         }
     }
@@ -125,6 +140,7 @@ impl Resident {
     pub fn bytes(&self) -> usize {
         match &self.tree {
             Tree::Mh(tree) => tree.bytes(),
+            Tree::Mmh(tree) => tree.bytes(),
             Tree::Vector(tree) => tree.bytes(),
         }
     }

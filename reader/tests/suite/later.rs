@@ -32,12 +32,12 @@ fn shared(mut p: PageInput) -> PageInput {
 fn typed_leaves_dependencies_light_axis_and_lists() {
     // stack: a tree that chooses its axis, its types in words of its own.
     let adaptive = page(Kind::Stack.tag(), 0, 0, 4, &[0x0000_0001, 0x4000_0000, 0x0000_0002, 0x4100_0000, 0x0010_FFF0]);
-    // mmh: the root refers to two shared pages by their place in its dependencies, with differences.
-    let mut mmh_root = page(Kind::Mmh.tag(), 0b10, 0, 4, &[0x0000_02E4, 0x1000_0000, 0x0001_0000, 0xFFFF_FFFF]);
+    // mmh-stack: the root refers to two shared pages by their place in its dependencies, with differences.
+    let mut mmh_root = page(Kind::MmhStack.tag(), 0, 0, 4, &[0x0000_02E4, 0x1000_0000, 0x0001_0000, 0xFFFF_FFFF]);
     mmh_root.dependencies = vec![1, 2];
-    let mut mmh_first = shared(page(Kind::Mmh.tag(), 0b01_01, 0, 2, &[5, 0xFFFF_FFFB]));
+    let mut mmh_first = shared(page(Kind::MmhStack.tag(), 0, 0, 2, &[5, 0xFFFF_FFFB]));
     mmh_first.dependencies = vec![2];
-    let mmh_second = shared(page(Kind::Mmh.tag(), 0b01, 0, 0, &[7]));
+    let mmh_second = shared(page(Kind::MmhStack.tag(), 0, 0, 0, &[7]));
     // mh-stack: 3 axes, 8 children, 16-bit masks; lights 0..16. The child page covers lights 8..16 of a quarter.
     let mut stack = page(Kind::MhStack.tag(), 0, 1, 4, &[0x0000_E41B, 0x2000_0000, 0x0000_0001]);
     stack.record.log2_l = 4;
@@ -49,7 +49,7 @@ fn typed_leaves_dependencies_light_axis_and_lists() {
     quads.record.page_type = FORM_FLAT;
     (quads.record.log2_x, quads.record.log2_y) = (4, 4);
 
-    let mut mmh = structure("mmh", Kind::Mmh, 4, 3);
+    let mut mmh = structure("mmh", Kind::MmhStack, 4, 3);
     mmh.shared_pages = 2.into();
     (mmh.records_per_block, mmh.index_block_log2) = (2.into(), 12);
     let parts = vec![
@@ -85,9 +85,9 @@ fn typed_leaves_dependencies_light_axis_and_lists() {
 #[test]
 fn dependencies_must_have_room_and_point_behind_the_tree() {
     let folder = Folder::new("dependencies");
-    let mut s = structure("m", Kind::Mmh, 0, 2);
+    let mut s = structure("m", Kind::MmhStack, 0, 2);
     s.shared_pages = 1.into();
-    let mut root = page(Kind::Mmh.tag(), 1, 0, 0, &[9]);
+    let mut root = page(Kind::MmhStack.tag(), 0, 0, 0, &[9]);
     root.dependencies = vec![1];
     let path = folder.0.join("m.umb");
     let options = ContainerOptions::new(ID);
@@ -103,11 +103,11 @@ fn dependencies_must_have_room_and_point_behind_the_tree() {
 #[test]
 fn shared_pages_have_no_footprint() {
     let folder = Folder::new("shared");
-    let mut s = structure("m", Kind::Mmh, 0, 2);
+    let mut s = structure("m", Kind::MmhStack, 0, 2);
     s.shared_pages = 1.into();
     let mut writer = ContainerWriter::create(&folder.0.join("m.umb"), ContainerOptions::new(ID), vec![s]).unwrap();
-    writer.push(&page(Kind::Mmh.tag(), 1, 0, 0, &[9])).unwrap();
-    let mut second = shared(page(Kind::Mmh.tag(), 1, 0, 0, &[9]));
+    writer.push(&page(Kind::MmhStack.tag(), 0, 0, 0, &[9])).unwrap();
+    let mut second = shared(page(Kind::MmhStack.tag(), 0, 0, 0, &[9]));
     second.record.max_depth = 9.into();
     assert!(writer.push(&second).unwrap_err().to_string().contains("index.shared"));
 }

@@ -144,7 +144,11 @@ fn what_is_missing_is_answered_from_above_and_named() {
     let pages: Vec<_> = (0..structure.page_count()).map(|o| structure.page(o).unwrap()).collect();
     let view = |o: u32| {
         let page = pages.get(o as usize)?;
-        Some(PageView { words: page.words(), first_child: page.record().first_child.get() })
+        Some(PageView {
+            words: page.words(),
+            first_child: page.record().first_child.get(),
+            dependencies: page.dependencies(),
+        })
     };
     let mut missed = 0;
     for (x, y) in (0..32).flat_map(|y| (0..32).map(move |x| (x, y))) {

@@ -2,9 +2,10 @@
 //! callers that want the device's very answer; for plain lookups see `umbrage_reader::query`.
 //!
 //! - [`pool`]: the buffers, pages in them, what an answer is; the walk for the structure's kind;
-//! - [`mh`], [`vector`]: the walk of each kind.
+//! - [`mh`], [`mmh`], [`vector`]: the walk of each kind.
 
 pub mod mh;
+pub mod mmh;
 pub mod pool;
 pub mod vector;
 

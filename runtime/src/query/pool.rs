@@ -35,7 +35,7 @@ pub struct Answer {
     pub level: u32,
     /// Page of that node.
     pub page: u32,
-    /// That node in its page: its word in `mh`, its number `4 * group + c` in `vector`.
+    /// That node in its page: its word in `mh` and `mmh`, its number `4 * group + c` in `vector`.
     pub word: u32,
     /// The page that the walk needed and did not get, or [`NONE`].
     pub missing: u32,
@@ -67,6 +67,8 @@ pub struct Pool<'a> {
 #[derive(Clone, Copy)]
 pub(super) struct Page<'a> {
     pub(super) words: &'a [u32],
+    /// The pool behind them: in kind `mmh` the ordinals that the page depends on come first.
+    behind: &'a [u32],
     pub(super) first_child: u32,
 }
 
@@ -74,6 +76,11 @@ impl Page<'_> {
     /// A word; 0 outside.
     pub(super) fn word(&self, at: u32) -> u32 {
         self.words.get(at as usize).copied().unwrap_or(0)
+    }
+
+    /// Ordinal of a dependency; [`NONE`] outside the pool.
+    pub(super) fn dependency(&self, d: u32) -> u32 {
+        self.behind.get(d as usize).copied().unwrap_or(NONE)
     }
 
     /// Both words of the frame.
@@ -93,7 +100,8 @@ impl<'a> Pool<'a> {
         let &[at, first_child] = self.table.get(ordinal as usize)?;
         let room = self.words.get(at as usize..).filter(|r| !r.is_empty())?;
         let words = FrameHead::decode(room).map_or(0, |h| usize::from(h.words));
-        Some(Page { words: &room[..words.min(room.len())], first_child })
+        let (words, behind) = room.split_at(words.min(room.len()));
+        Some(Page { words, behind, first_child })
     }
 
     /// Level of the root.
@@ -111,12 +119,13 @@ impl<'a> Pool<'a> {
     pub fn texel(&self, root: u32, x: u32, y: u32, level: u32) -> Answer {
         match self.kind {
             Kind::Mh => self.mh(root, x, y, level),
+            Kind::Mmh => self.mmh(root, x, y, level),
             Kind::Vector => self.vector(root, x, y, level),
             _ => Answer { missing: root, ..self.nothing(root) },
         }
     }
 
-    /// Answer at a place inside texel (x, y), `sub` 1/256 of a texel from its corner; in kind `mh` the texel's own.
+    /// Answer at a place inside texel (x, y), `sub` 1/256 of a texel from its corner; in kinds `mh` and `mmh` the texel's own.
     pub fn continuous(&self, root: u32, x: u32, y: u32, sub: [u32; 2]) -> Answer {
         match self.kind {
             Kind::Vector => self.vector_continuous(root, x, y, sub),

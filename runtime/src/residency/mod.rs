@@ -65,7 +65,7 @@ pub struct LoadedPage {
     pub child_count: u16,
     /// Shared pages it needs.
     pub dependencies: Vec<u32>,
-    /// Its words, frame included, in host order.
+    /// Its words, frame included, in host order; in kind `mmh` the dependencies behind them.
     pub words: Arc<[u32]>,
 }
 

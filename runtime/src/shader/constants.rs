@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use umbrage_format::Kind;
 use umbrage_format::kind::mh::{Children, Mask, Node, NodeType, ROOT_GROUP};
+use umbrage_format::kind::mmh;
 use umbrage_format::kind::vector::entry::PLANE_MAX;
 use umbrage_format::kind::vector::{
     BLOCK_GROUPS, BLOCK_WORDS, Header, Line, MAX_DEPTH, Mask4, Plane, Raw, Split, TOPOLOGY,
@@ -73,9 +74,19 @@ fn fields() -> Vec<(&'static str, [u32; 3])> {
 fn numbers() -> Vec<(&'static str, u32)> {
     let words_of = |t: NodeType| t.words();
     let length = |words: &[u32]| words.len() as u32;
+    // Of kind mmh: the bits that say where children lie, and what they say.
+    let rise = |children| mmh::Node { mask: Mask(0), children }.encode();
+    let places = (0..mmh::MAX_DEPENDENCIES as u8).fold(0, |all, d| all | rise(mmh::Children::Shared(d, 0)));
+    let place = |children| rise(children) >> places.trailing_zeros();
     vec![
         ("KIND_MH", Kind::Mh.code()),
+        ("KIND_MMH", Kind::Mmh.code()),
         ("KIND_VECTOR", Kind::Vector.code()),
+        ("RISE_PLACE_SHIFT", places.trailing_zeros()),
+        ("RISE_PLACE_MASK", places >> places.trailing_zeros()),
+        ("RISE_HERE", place(mmh::Children::Here(0))),
+        ("RISE_PAGE", place(mmh::Children::Page(0))),
+        ("RISE_SHARED", place(mmh::Children::Shared(0, 0))),
         ("ROOT_GROUP", ROOT_GROUP.into()),
         ("NODE_NONE", NodeType::None as u32),
         ("NODE_LEAF", NodeType::Leaf as u32),

@@ -7,14 +7,14 @@
 //! What a shader calls:
 //!
 //! - `umb_locate(lattice, point)`: texel and depth of a point;
-//! - `umb_answer(root, x, y, level)`: the walk to a texel, by the structure's kind; `umb_mh`, `umb_vector` where the
+//! - `umb_answer(root, x, y, level)`: the walk to a texel, by the structure's kind; `umb_mh`, `umb_mmh`, `umb_vector` where the
 //!   kind is known beforehand;
 //! - `umb_continuous(root, x, y, sub)`, `umb_vector_continuous`: the answer at a place inside a texel;
 //! - `umb_state(answer, depth)`: light or shadow, and how far to trust it.
 //!
 //! | binding | buffer |
 //! |---|---|
-//! | 0 | `umb_pool`: the words of the pages, each page from its entry's word |
+//! | 0 | `umb_pool`: the words of the pages, each page from its entry's word; in kind `mmh` behind a page the ordinals that it depends on |
 //! | 1 | `umb_table`: for each page its first word in the pool, or not resident; and its first child's ordinal |
 //! | 2 | `umb_feedback`: what walks missed and used, see [`FEEDBACK_LIST`] |
 //! | 3 | `umb_view`: sizes, the uniform [`View`] |
@@ -71,9 +71,10 @@ uniform! {
 }
 
 /// What every module holds, in order.
-const SOURCES: [&str; 6] = [
+const SOURCES: [&str; 7] = [
     include_str!("query/pool.wgsl"),
     include_str!("query/mh.wgsl"),
+    include_str!("query/mmh.wgsl"),
     include_str!("wide.wgsl"),
     include_str!("query/vector.wgsl"),
     include_str!("query/answer.wgsl"),
@@ -118,8 +119,15 @@ mod tests {
         let options = naga::back::hlsl::Options::default();
         let pipeline = naga::back::hlsl::PipelineOptions::default();
         naga::back::hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).unwrap();
-        for name in ["umb_answer(", "umb_mh(", "umb_vector(", "umb_vector_continuous(", "umb_locate(", "InterlockedOr"]
-        {
+        for name in [
+            "umb_answer(",
+            "umb_mh(",
+            "umb_mmh(",
+            "umb_vector(",
+            "umb_vector_continuous(",
+            "umb_locate(",
+            "InterlockedOr",
+        ] {
             assert!(text.contains(name), "{name}");
         }
         let words = naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), None).unwrap();

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use umbrage_format::Kind;
 use umbrage_reader::{ReaderError, Structure};
 
 use crate::residency::LoadedPage;
@@ -86,8 +87,12 @@ pub fn load(structure: &Structure, ordinal: u32) -> Result<LoadedPage, ReaderErr
     let frame = structure.page_bytes(ordinal)?.check_frame()?;
     let record = *frame.record();
     let dependencies = if record.dep_count.get() == 0 { Vec::new() } else { structure.dependencies(ordinal)? };
-    let words: Arc<[u32]> =
-        if structure.kind().has_layout() { frame.check_kind()?.words().into() } else { frame.words().into() };
+    let words: Arc<[u32]> = match structure.kind() {
+        // Walks find the list behind the words; the check of the kind sees to it that both fit a slot.
+        Kind::Mmh => [frame.check_kind()?.words(), &dependencies].concat().into(),
+        kind if kind.has_layout() => frame.check_kind()?.words().into(),
+        _ => frame.words().into(),
+    };
     Ok(LoadedPage {
         ordinal,
         first_child: record.first_child.get(),

@@ -2,7 +2,7 @@
 //! and against the reader's walk over the pages that are resident.
 
 use umbrage_format::Kind;
-use umbrage_reader::query::{PageView, mh, vector};
+use umbrage_reader::query::{PageView, mh, mmh, vector};
 use umbrage_reader::{CheckedPage, Structure};
 use umbrage_runtime::GpuStreamer;
 use umbrage_runtime::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, NONE, Pool, WORD_SHIFT};
@@ -36,7 +36,11 @@ pub fn compare(answered: &Answered, structure: &Structure, root: u32, queries: &
     }
     let lookup = |o: u32| {
         let page = pages.get(o as usize)?.as_ref()?;
-        Some(PageView { words: page.words(), first_child: page.record().first_child.get() })
+        Some(PageView {
+            words: page.words(),
+            first_child: page.record().first_child.get(),
+            dependencies: page.dependencies(),
+        })
     };
     let mut seen = [0; 3];
     for (query, answer) in queries.iter().zip(answers) {
@@ -49,6 +53,7 @@ pub fn compare(answered: &Answered, structure: &Structure, root: u32, queries: &
         let level = level.min(255) as u8;
         let d = match structure.kind() {
             Kind::Vector => vector::descend(lookup, root, log2, x, y, level),
+            Kind::Mmh => mmh::descend(lookup, root, log2, x, y, level),
             _ => mh::descend(lookup, root, log2, x, y, level),
         };
         let whole = if d.missing.is_none() { EXACT } else { ANCESTOR };

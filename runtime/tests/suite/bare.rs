@@ -180,7 +180,7 @@ fn places_inside_texels_answer_as_twin_reader_and_naive_tree() {
             .collect();
         let lookup = |o: u32| {
             let page = pages.get(o as usize)?;
-            Some(PageView { words: page, first_child: first_children[o as usize] })
+            Some(PageView { words: page, first_child: first_children[o as usize], dependencies: &[] })
         };
         for (l, a) in lookups.iter().zip(bare.ask(&pool, &lookups)) {
             let ([x, y], sub) = (l.at, l.sub.unwrap_or_default().map(|s| s as u8));
@@ -284,7 +284,7 @@ fn words_that_no_check_has_seen() {
                     [dice.roll(5) as usize];
             }
         }
-        let kind = [Kind::Vector, Kind::Vector, Kind::Vector, Kind::Mh, Kind::Stack][round % 5];
+        let kind = [Kind::Vector, Kind::Vector, Kind::Vector, Kind::Mh, Kind::Mmh, Kind::Stack][round % 6];
         // A view may lie, too.
         let log2_resolution = if dice.roll(16) == 0 { dice.roll(256) as u8 } else { log2 };
         let pool = Pool { words: &words, table: &table, kind, log2_resolution };

@@ -19,8 +19,8 @@ fn page(tag: u8, root_mask: u8, child_refs: u16, level: u8, body: &[u32]) -> Pag
     PageInput { words: [&head.encode()[..], body].concat(), record, dependencies: Vec::new() }
 }
 
-fn shared(body: &[u32], mask: u8, level: u8, dependencies: &[u32]) -> PageInput {
-    let mut p = page(Kind::Mmh.tag(), mask, 0, level, body);
+fn shared(body: &[u32], level: u8, dependencies: &[u32]) -> PageInput {
+    let mut p = page(Kind::MmhStack.tag(), 0, 0, level, body);
     p.record.page_type |= SHARED;
     (p.record.min_depth, p.record.max_depth) = (u32::MAX.into(), 0.into());
     (p.record.log2_x, p.record.log2_y) = (0, 0);
@@ -32,9 +32,9 @@ fn shared(body: &[u32], mask: u8, level: u8, dependencies: &[u32]) -> PageInput 
 fn adaptive_shared_stack_and_flat_pages_pass_unchanged() {
     let leaves: Vec<u32> = (0..300).map(|i| 0x4000_0000 ^ (i * 77)).collect();
     let adaptive = page(Kind::Stack.tag(), 0, 0, 4, &leaves);
-    let mut mmh = page(Kind::Mmh.tag(), 0b10, 0, 4, &[0x0000_02E4, 0x1000_0000, 0x0001_0000, 0xFFFF_FFFF]);
+    let mut mmh = page(Kind::MmhStack.tag(), 0, 0, 4, &[0x0000_02E4, 0x1000_0000, 0x0001_0000, 0xFFFF_FFFF]);
     mmh.dependencies = vec![1, 2];
-    let mut mmh_record = structure("mmh", Kind::Mmh, 4, 3);
+    let mut mmh_record = structure("mmh", Kind::MmhStack, 4, 3);
     mmh_record.shared_pages = 2.into();
     (mmh_record.records_per_block, mmh_record.index_block_log2) = (2.into(), 12);
     let mut stack = page(Kind::MhStack.tag(), 0, 1, 4, &[0x0000_E41B, 0x2000_0000, 0x0000_0001]);
@@ -49,7 +49,7 @@ fn adaptive_shared_stack_and_flat_pages_pass_unchanged() {
 
     let parts = vec![
         (structure("adaptive", Kind::Stack, 4, 1), vec![adaptive]),
-        (mmh_record, vec![mmh, shared(&[5, 0xFFFF_FFFB], 0b01_01, 2, &[2]), shared(&[7], 0b01, 0, &[])]),
+        (mmh_record, vec![mmh, shared(&[5, 0xFFFF_FFFB], 2, &[2]), shared(&[7], 0, &[])]),
         (structure("stack", Kind::MhStack, 4, 2), vec![stack, child]),
         (structure("quads", Kind::Quads, 4, 1), vec![quads]),
     ];

@@ -14,6 +14,9 @@ mod support;
 mod tree;
 // The naive tree of kind `vector`.
 #[allow(dead_code)]
+#[path = "../../../reader/tests/suite/mmh_tree.rs"]
+mod mmh_tree;
+#[allow(dead_code, reason = "of the reader's tests, which use all of it")]
 #[path = "../../../reader/tests/suite/vector_tree.rs"]
 mod vector_tree;
 mod view;

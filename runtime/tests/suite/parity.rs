@@ -11,7 +11,9 @@ use umbrage_runtime::query::pool::Pool;
 use zerocopy::{FromBytes, IntoBytes};
 
 use crate::agree::{self, Answered};
-use crate::support::{container, device, opened, queries, random_tree, random_vector, shared_city};
+use crate::support::{
+    city_as, container, device, opened, queries, random_merged, random_tree, random_vector, shared_city,
+};
 use crate::tree::Dice;
 
 /// Streams whatever the dice ask for until nothing more comes; with `all`, every page.
@@ -93,8 +95,27 @@ fn a_million_queries_on_random_vector_trees() {
 }
 
 #[test]
+fn a_million_queries_on_random_merged_trees() {
+    for (seed, log2) in [(3, 8), (90, 7)] {
+        let (tree, bytes) = random_merged(&format!("parity-mmh-{seed}"), seed, log2);
+        let structure = opened(bytes);
+        hold("merged tree", &structure, 19);
+        let map = umbrage_reader::query::Map::new(structure).unwrap();
+        assert_eq!(map.texel(17, 30, 0).unwrap().value, tree.lookup(log2, 17, 30, 0));
+    }
+}
+
+#[test]
 fn a_million_queries_on_a_city() {
     hold("city", &opened(shared_city()), 23);
+}
+
+#[test]
+fn a_million_queries_on_a_merged_city() {
+    let folder = crate::tree::Folder::new("parity-merged-city");
+    let structure = opened(city_as(&folder.0.join("city.umb"), 2048, Kind::Mmh));
+    assert!(structure.record().shared_pages.get() > 0);
+    hold("merged city", &structure, 29);
 }
 
 /// Makes the checksums of a file of one structure and one index block good again.
@@ -111,7 +132,9 @@ fn repair(bytes: &mut [u8]) {
         let page = &bytes[r.offset.get() as usize..r.end() as usize];
         (r.crc32, r.content_hash) = (page_crc(&id, 0, i, page).into(), content_hash(page).into());
         // Any value may stand in a page here: the test is about walks.
-        (r.min_depth, r.max_depth) = (0.into(), u32::MAX.into());
+        if !r.is_shared() {
+            (r.min_depth, r.max_depth) = (0.into(), u32::MAX.into());
+        }
     }
     let crc = block_crc(&id, 0, 0, &block[4..]);
     block[..4].copy_from_slice(&crc.to_le_bytes());
@@ -147,7 +170,9 @@ fn garbage(bytes: &[u8], rounds: u32, every: u32, mut change: impl FnMut(&mut Di
         };
         let structure = file.structure(0).unwrap();
         let good = (0..structure.page_count()).filter(|&o| structure.page(o).is_ok()).count() as u32;
-        if structure.page(0).is_err() {
+        // A root is there when the shared pages are that it depends on.
+        let needed = structure.dependencies(0).unwrap_or_default();
+        if structure.page(0).is_err() || needed.iter().any(|&d| structure.page(d).is_err()) {
             refused += 1;
             let error = GpuStreamer::new(&headless.device, &headless.queue, &structure, 4 << 20);
             assert!(error.is_err(), "a root that breaks a rule");
@@ -208,6 +233,20 @@ fn accepted_vector_garbage_gives_the_same_answers() {
 }
 
 #[test]
+fn accepted_merged_garbage_gives_the_same_answers() {
+    let (_, bytes) = random_merged("parity-mmh-garbage", 12, 4);
+    let [changed, refused] = garbage(&bytes, 1200, 3, |dice, word| match dice.roll(4) {
+        0 => word ^ 1 << dice.roll(32),
+        // Another dependency or another place.
+        1 => word & 0xFF | (dice.roll(5) << 8) | (dice.roll(64) << 16),
+        2 => word & 0xFFFF | (dice.roll(64) << 16),
+        _ => word ^ 1 << dice.roll(16),
+    });
+    eprintln!("merged garbage: {changed} files wholly accepted and compared, {refused} roots refused");
+    assert!(changed >= 20 && refused >= 20, "{changed} {refused}");
+}
+
+#[test]
 fn golden_files_answer_on_the_device() {
     let headless = device();
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden");
@@ -227,5 +266,5 @@ fn golden_files_answer_on_the_device() {
             kinds.push(structure.kind());
         }
     }
-    assert!(kinds.contains(&Kind::Vector) && kinds.contains(&Kind::Mh), "{kinds:?}");
+    assert!([Kind::Mh, Kind::Mmh, Kind::Vector].iter().all(|k| kinds.contains(k)), "{kinds:?}");
 }

@@ -11,6 +11,7 @@ use umbrage_writer::container::ContainerOptions;
 use umbrage_writer::hierarchy::build::Progress;
 use umbrage_writer::solid::Policy;
 
+use crate::mmh_tree::{self, Piece};
 use crate::tree::{Dice, Folder, ID, Naive, grow, pages, structure, write};
 use crate::vector_tree::{self, Node};
 
@@ -38,13 +39,20 @@ pub fn opened(bytes: Vec<u8>) -> Structure {
 
 /// A small city, baked.
 pub fn city(path: &Path, resolution: u64) -> Vec<u8> {
+    city_as(path, resolution, Kind::Mh)
+}
+
+/// A small city, baked in a kind.
+pub fn city_as(path: &Path, resolution: u64, kind: Kind) -> Vec<u8> {
     let mesh = umbrage_writer::scene::generated("city:1:0.05").unwrap().unwrap();
     let options = BakeOptions {
         lights: vec![Light { name: "sun".into(), direction: [0.4, -1.0, 0.3] }],
         resolution,
         policy: Policy::Closed,
-        kind: umbrage_format::Kind::Mh,
+        kind,
         exhaustive: false,
+        top_down: false,
+        mmh: Default::default(),
         memory_bytes: None,
     };
     bake(&mesh, &options, path, &Progress::default()).unwrap();
@@ -68,6 +76,21 @@ pub fn random_tree(name: &str, seed: u64, log2: u8, cuts: &[u8]) -> (Naive, Vec<
     let record = structure("sun", Kind::Mh, log2, pages.len());
     let bytes = write(name, ContainerOptions::new(ID), &[(record, pages)]);
     (tree, bytes)
+}
+
+/// A random tree of kind `mmh` in a file of child pages and two shared pages; the first from `seed` on that has them.
+pub fn random_merged(name: &str, seed: u64, log2: u8) -> (Piece, Vec<u8>) {
+    let (tree, pages, shared) = (seed..)
+        .map(|seed| {
+            let mut dice = Dice(seed);
+            let tree = mmh_tree::grow(&mut |n| dice.roll(n), log2);
+            let (pages, shared) = mmh_tree::pages(&tree, log2, &[log2 - 2, log2 - 3]);
+            (tree, pages, shared)
+        })
+        .find(|(_, pages, shared)| *shared == 2 && pages.len() > if log2 > 4 { 12 } else { 4 })
+        .unwrap();
+    let record = mmh_tree::structure("sun", log2, &pages, shared);
+    (tree, write(name, ContainerOptions::new(ID), &[(record, pages)]))
 }
 
 /// A random tree of kind `vector` in a file of at least 10 pages; the first from `seed` on that has so many.

@@ -11,6 +11,7 @@ use umbrage::reader::query::Map;
 use umbrage::render::RgbImage;
 
 use super::super::{Failure, go_on};
+use super::mmh::Walker;
 
 /// What to draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -72,6 +73,20 @@ fn nodes(map: &Map, level: u8) -> Result<Vec<u32>, Failure> {
         }
     };
     let s = map.structure();
+    if s.kind() == Kind::Mmh {
+        let mut walker = Walker::new(map);
+        for ordinal in 0..s.record().tree_pages() {
+            if !go_on() {
+                return Err(Failure::interrupted());
+            }
+            walker.squares(ordinal, level, &mut |x, y, n| {
+                let n = u32::try_from(n).unwrap_or(u32::MAX);
+                let at = (y >> level) as usize * side + (x >> level) as usize;
+                counts[at].store(counts[at].load(Ordering::Relaxed).saturating_add(n), Ordering::Relaxed);
+            })?;
+        }
+        return Ok(counts.into_iter().map(AtomicU32::into_inner).collect());
+    }
     (0..s.page_count()).into_par_iter().try_for_each(|ordinal| {
         if !go_on() {
             return Err(Failure::interrupted());

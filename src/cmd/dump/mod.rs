@@ -1,9 +1,10 @@
 //! `umbrage dump`: what is in a container, by the reader's own checks.
 //!
-//! `summary`: figures, for people and as JSON; `page`: one page; `draw`: pictures; `vector`: sections of a
+//! `summary`: figures, for people and as JSON; `page`: one page; `draw`: pictures; `mmh`: sharing; `vector`: sections of a
 //! page.
 
 mod draw;
+mod mmh;
 mod page;
 mod summary;
 mod vector;

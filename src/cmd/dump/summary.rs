@@ -5,11 +5,13 @@ use std::collections::BTreeMap;
 use serde_json::{Value, json};
 use umbrage::format::kind::vector::Header;
 use umbrage::format::{Kind, SectionRecord, StructureRecord};
+use umbrage::reader::query::Map;
 use umbrage::reader::{Container, Structure};
 use umbrage::writer::bake::policy_of;
 
 use super::super::output::{bytes, line};
 use super::super::{Failure, go_on};
+use super::mmh::Walker;
 use super::vector::{self, SECTIONS};
 
 /// Everything about the file, or about one light.
@@ -45,7 +47,9 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
             return Err(Failure::interrupted());
         }
         let p = s.page_record(ordinal)?;
-        *levels.entry(p.level_coarsest).or_default() += 1;
+        if !p.is_shared() {
+            *levels.entry(p.level_coarsest).or_default() += 1;
+        }
         let own = u64::from(p.hot_words.get());
         words += own;
         largest = largest.max(own * 4);
@@ -104,9 +108,24 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
     });
     match s.kind() {
         Kind::Vector => summary["palette"] = palette.json(),
+        Kind::Mmh => summary["sharing"] = sharing(s)?,
         _ => summary["value_bits"] = json!({"32": nodes[0] + nodes[1]}),
     }
     Ok(summary)
+}
+
+/// Nodes as lookups meet them, and references by where they lead, of a structure of kind `mmh`.
+fn sharing(s: &Structure) -> Result<Value, Failure> {
+    let map = Map::new(s.clone())?;
+    let (mut walker, mut met) = (Walker::new(&map), 0u64);
+    for ordinal in 0..s.record().tree_pages() {
+        if !go_on() {
+            return Err(Failure::interrupted());
+        }
+        met = met.saturating_add(walker.page(ordinal)?);
+    }
+    let [here, shared] = walker.references;
+    Ok(json!({ "nodes_met": met, "references_in_page": here, "references_to_shared_pages": shared }))
 }
 
 /// How much the palettes of all pages hold.
@@ -225,6 +244,19 @@ fn print_light(l: &Value) -> Result<(), Failure> {
     if let Some(palette) = l["palette"].as_object() {
         let sizes: Vec<String> = palette.iter().map(|(name, n)| format!("{n} {name}")).collect();
         row("palette", sizes.join(", "))?;
+    }
+    if let Some(sharing) = l["sharing"].as_object() {
+        row(
+            "sharing",
+            format!(
+                "{} nodes as lookups meet them: {:.2} for each that is stored; {} references within pages, {} to shared ones, {} dependencies",
+                sharing["nodes_met"],
+                number(&sharing["nodes_met"]) as f64 / nodes.max(1) as f64,
+                sharing["references_in_page"],
+                sharing["references_to_shared_pages"],
+                l["dependencies"]
+            ),
+        )?;
     }
     let nodes = [("leaves", "leaf_nodes"), ("inner", "inner_nodes"), ("empty", "empty_nodes"), ("frames", "frames")];
     let own = if l["palette"].is_object() { SECTIONS.map(|name| (name, name)).to_vec() } else { nodes.to_vec() };

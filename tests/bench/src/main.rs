@@ -54,7 +54,7 @@ pub struct Args {
     /// Texels on a side instead of the suite's own ones, repeatable
     #[arg(long = "resolution", value_name = "N")]
     resolutions: Vec<u64>,
-    /// For `query`: a file of kind vector of the scene, light 0.4,-0.8,0.3, repeatable; the one of the suite's
+    /// For `query`: a file of kind vector or mmh of the scene, light 0.4,-0.8,0.3, repeatable; the one of the suite's
     /// resolution is another candidate, and several are compared with each other
     #[arg(long = "vector", value_name = "FILE.umb")]
     vectors: Vec<PathBuf>,
@@ -83,6 +83,8 @@ fn direction(text: &str) -> Result<[f64; 3], String> {
 enum Suite {
     /// Bytes of whole files against uncompressed and zstd-compressed depth maps
     Size,
+    /// Kind mmh against mh: bytes, seconds, pairs of subtrees, search distances
+    Merge,
     /// Seconds, texels evaluated and peak memory of bakes; proofs against the exhaustive builder
     Bake,
     /// Nanoseconds per lookup against plain arrays
@@ -143,6 +145,7 @@ impl From<umbrage::writer::bake::BakeError> for Failure {
 fn run(args: &Args) -> Result<(), Failure> {
     let report = match args.suite {
         Suite::Size => suite::size::run(args)?,
+        Suite::Merge => suite::merge::run(args)?,
         Suite::Bake => suite::bake::run(args)?,
         Suite::Query => suite::query::run(args)?,
         Suite::Levels => suite::levels::run(args)?,

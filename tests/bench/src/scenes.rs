@@ -83,6 +83,8 @@ impl Model {
             policy: self.policy,
             kind: Kind::Mh,
             exhaustive,
+            top_down: false,
+            mmh: Default::default(),
             memory_bytes: None,
         }
     }

@@ -47,12 +47,23 @@ fn main() -> std::io::Result<()> {
     put("page", "root-mixed", &page(3, 0, &[0x0001_0200, 0, 0x0004_002D, 9, 5, 0x0008_0001, 0x0000_0155, 8, 6]))?;
     put("page", "group", &page(5, 0x80 | 2, &[0x0000_8D00, 0, 5, 0x0006_0005, 0x0008_0044, 8, 1, 2, 3, 4]))?;
 
+    // Of kind `mmh`: a shared page of two entries, words of a root page, then trees and changes to their pages.
+    let merged = |place: u8, how: u8, rest: &[u8]| [&[5, 0x20 | place, how][..], rest].concat();
+    put("page", "mmh-shared", &merged(0, 2, &words(&[0, 0, 2, 0x0000_0501, 7, 8, 9])))?;
+    put("page", "mmh-root", &merged(0, 0, &words(&[0x0200, 0, 0x0004_000A, 9, 0x0008_0005, 1, 0x0008_0005, 2, 3, 4])))?;
+    put("page", "mmh-dependency", &merged(0, 4, &words(&[0x0200, 0, 0x0004_0055, 9, 1, 2, 3, 4])))?;
+
     // Numbers of a tree of kind `vector`: bushy, which page, then four bytes each; the last bytes are changes.
     let numbers = |seed: u32, n: u32| -> Vec<u8> {
         let number = |i: u32| (i + 1).wrapping_mul(0x9E37_79B9 ^ seed).rotate_left(11).wrapping_mul(0x85EB_CA6B);
         (0..n).flat_map(|i| number(i).to_le_bytes()).collect()
     };
     let tree = |seed: u32, bushy: u8, which: u8, n: u32| [&[bushy, which][..], &numbers(seed, n)].concat();
+    let merged_tree = |how: u8, which: u8, seed: u32| merged(0, how, &[&[which][..], &numbers(seed, 3000)].concat());
+    for (which, seed) in [(0, 1), (1, 2), (3, 3), (250, 4)] {
+        put("page", &format!("mmh-tree-{which}"), &merged_tree(1, which, seed))?;
+        put("page", &format!("mmh-changed-{which}"), &merged_tree(1 | 2 << 2, which, seed))?;
+    }
     put("page", "vector-leaf", &[&[3, 0x40][..], &tree(1, 0, 0, 40)].concat())?;
     put("page", "vector-tree", &[&[6, 0x40][..], &tree(2, 7, 0, 1500)].concat())?;
     put("page", "vector-group", &[&[6, 0x40][..], &tree(3, 7, 2, 1500)].concat())?;

@@ -178,14 +178,15 @@ const GUARD: u32 = 2;
 fn stored(pages: &[(Vec<u32>, u32)], log2: u8, x: u32, y: u32) -> u32 {
     let view = |o: u32| {
         let (words, first_child) = pages.get(o as usize)?;
-        Some(PageView { words, first_child: *first_child })
+        Some(PageView { words, first_child: *first_child, dependencies: &[] })
     };
     descend(view, 0, log2, x, y, 0).value
 }
 
 fn compare(mesh: &SnappedMesh, oracle: &Oracle, exhaustive: bool, policy: Policy) {
-    let tree = build(mesh, Options { exhaustive, guard: GUARD }, Spool::in_memory(), &Progress::default())
-        .expect("nobody cancels");
+    let tree =
+        build(mesh, Options { exhaustive, guard: GUARD, top_down: false }, Spool::in_memory(), &Progress::default())
+            .expect("nobody cancels");
     let framed = |page: Page| {
         let mut words = page.draft.words;
         words[0] = u32::from(page.draft.root_mask.0) << 8;

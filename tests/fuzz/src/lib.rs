@@ -3,7 +3,8 @@
 //!
 //! - [`open`]: a file that is accepted answers every texel of every level, lazily and preloaded alike;
 //! - [`page`]: `mh::check` accepts just what a naive walk accepts, and every node it counts is found by a lookup; a
-//!   `vector` page that is accepted answers at every node as plain arithmetic on its words does ([`vector_page`]);
+//!   `vector` page that is accepted answers at every node as plain arithmetic on its words does ([`vector_page`]), an `mmh` page
+//!   as a plain recursion does ([`mmh_page`]);
 //! - [`roundtrip`]: intervals and trees come back from the file as a naive evaluation has them, at every level;
 //! - [`query_agrees`]: on the device an accepted file gives the reader's answers, to the bit;
 //! - [`scene`]: a mesh file that is accepted is a sound mesh that can be baked; refusals are one line;
@@ -20,6 +21,7 @@
 pub mod input;
 pub mod intervals;
 pub mod layers;
+pub mod mmh_page;
 pub mod open;
 pub mod page;
 pub mod query_agrees;
@@ -31,6 +33,9 @@ pub mod vector_page;
 #[path = "../../../runtime/tests/suite/agree.rs"]
 #[allow(missing_docs)]
 mod agree;
+#[path = "../../../reader/tests/suite/mmh_tree.rs"]
+#[allow(dead_code, missing_docs)]
+mod mmh_tree;
 #[path = "../../../reader/tests/suite/tree.rs"]
 #[allow(dead_code, missing_docs)]
 mod tree;

@@ -14,9 +14,10 @@ use zerocopy::{FromBytes, IntoBytes};
 
 use crate::input::Input;
 use crate::tree::{Dice, ID, grow, pages, structure, write};
-use crate::vector_tree;
+use crate::{mmh_tree, vector_tree};
 
-/// Sound files to change: one leaf, a tree of three levels of pages, two structures; behind them trees of kind `vector`.
+/// Sound files to change: one leaf, a tree of three levels of pages, two structures; behind them trees of kinds `mmh` and
+/// `vector`.
 fn bases() -> &'static [Vec<u8>] {
     static BASES: OnceLock<Vec<Vec<u8>>> = OnceLock::new();
     BASES.get_or_init(|| {
@@ -29,11 +30,22 @@ fn bases() -> &'static [Vec<u8>] {
             let pages = vector_tree::pages(&vector_tree::grow(&mut |n| dice.roll(n), log2, true, bushy), log2);
             (structure(name, Kind::Vector, log2, pages.len()), pages)
         };
+        // The first from seed 12 on with two shared pages.
+        let merged = |name: &str, log2| {
+            let made = (12..).map(|seed| {
+                let mut dice = Dice(seed);
+                mmh_tree::pages(&mmh_tree::grow(&mut |n| dice.roll(n), log2), log2, &[2])
+            });
+            let (pages, shared) =
+                made.into_iter().find(|(p, shared)| *shared == 2 && p.len() > 3).expect("one of them");
+            (mmh_tree::structure(name, log2, &pages, shared), pages)
+        };
         let options = ContainerOptions::new(ID);
         vec![
             write("fuzz-leaf", options, &[part("sun", 1, 0, &[], 6)]),
             write("fuzz-tree", options, &[part("sun", 7, 3, &[3, 2], 6)]),
             write("fuzz-two", options, &[part("sun", 2, 4, &[2], 6), part("moon", 3, 2, &[], 8)]),
+            write("fuzz-mmh", options, &[merged("sun", 4)]),
             write("fuzz-vector", options, &[vector("sun", 12, 4, 7)]),
             write("fuzz-vector-two", options, &[vector("sun", 1, 0, 0), vector("moon", 3, 3, 8)]),
         ]

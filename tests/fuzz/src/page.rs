@@ -78,12 +78,15 @@ impl Walk {
 }
 
 /// One input: a byte for the level of the map, one for the page's, then the words, frame included; with bit 6 of the
-/// second byte a tree of kind `vector` and changes to one of its pages.
+/// second byte a tree of kind `vector` and changes to one of its pages, with bit 5 a page of kind `mmh`.
 pub fn run(data: &[u8]) {
     let mut input = Input(data);
     let (log2, place) = ((input.below(25)) as u8, input.byte());
     if place & 0x40 != 0 {
         return crate::vector_page::run(log2.min(7), place, input);
+    }
+    if place & 0x20 != 0 {
+        return crate::mmh_page::run(log2, place, input);
     }
     let mut page: Vec<u32> = Vec::new();
     while !input.is_empty() && page.len() < 16384 {
@@ -121,7 +124,7 @@ pub fn run(data: &[u8]) {
     let counts = check(&page, &head, &cx);
     // Ends on any words, and names no place outside the page.
     let lookup = |x, y, l| {
-        let view = PageView { words: &page, first_child: 2 };
+        let view = PageView { words: &page, first_child: 2, dependencies: &[] };
         // A page that is not the root's is entered in its own right.
         descend(|o| (o == 0).then_some(view), 0, level, x, y, l)
     };

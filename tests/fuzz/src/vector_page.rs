@@ -116,7 +116,7 @@ pub fn run(log2: u8, place: u8, mut input: Input) {
     let cx = PageContext { structure: 0, ordinal: u32::from(!is_root), page: &record, record: &structure };
     check_frame(&words, &cx).expect("a frame that was made to fit");
     let counts = check(&words, &head, &cx);
-    let view = PageView { words: &words, first_child: 2 };
+    let view = PageView { words: &words, first_child: 2, dependencies: &[] };
     // A page that is not the root's is entered in its own right.
     let top = record.level_coarsest;
     let lookup = |x, y, l| descend(|o| (o == 0).then_some(view), 0, top, x, y, l);

@@ -227,6 +227,38 @@ const ROWS: &[Row] = &[
     ("mh.depths", "example", Record(0, 2, "max_depth"), &[0, 0, 1], All),
     ("mh.depths", "example", Record(0, 1, "max_depth"), &[0x66, 0x03], All),
     ("mh.depths", "example", Record(0, 2, "max_depth"), &[0xD0, 0x02], All),
+    ("mmh.plain", "mmh", Record(0, 5, "page_type"), &[17], All),
+    ("mmh.root", "mmh", Page(3, 0, 1), &[0], All),
+    ("mmh.root", "mmh", Page(5, 0, 1), &[1], All),
+    ("mmh.footprint", "mmh", Record(0, 3, "log2_x"), &[2], All),
+    ("mmh.entries", "mmh", Page(6, 2, 0), &[0], All),
+    ("mmh.entries", "mmh", Page(6, 2, 0), &[2], All),
+    ("mmh.entries", "mmh", Page(6, 2, 2), &[1], All),
+    ("mmh.entries", "mmh", Page(6, 3, 1), &[1], All),
+    ("mmh.hole", "mmh", Page(3, 0, 1), &[1], All),
+    ("mmh.hole", "mmh", Page(5, 3, 0), &[0x05], All),
+    ("mmh.bounds", "mmh", Page(3, 0, 1), &[0x55], All),
+    ("mmh.bounds", "mmh", Page(1, 8, 2), &[0xFF], All),
+    ("mmh.childless", "mmh", Page(1, 8, 0), &[0], All),
+    ("mmh.depth", "mmh", Page(1, 8, 0), &[2], All),
+    ("mmh.order", "mmh", Page(1, 8, 2), &[2], All),
+    ("mmh.overlap", "mmh", Page(4, 9, 0), &[0x11], All),
+    ("mmh.reference", "mmh", Page(0, 10, 2), &[1], All),
+    ("mmh.reference", "mmh", Page(0, 10, 2), &[9], All),
+    ("mmh.dependency", "mmh", Page(2, 8, 1), &[9], All),
+    ("mmh.dependency", "mmh", Page(2, 8, 1), &[2], All),
+    ("mmh.levels", "mmh", Record(0, 3, "level_finest"), &[1], All),
+    ("mmh.values", "mmh", Record(0, 3, "max_depth"), &[0x7F], All),
+    // The sign of a rise in a group with several places, in a tree page and in a shared one.
+    ("mmh.values", "mmh", Page(4, 30, 3), &[0x7F], All),
+    ("mmh.values", "mmh", Page(6, 4, 3), &[0x7F], All),
+    ("mmh.link", "mmh", Record(0, 3, "origin_x"), &[0], All),
+    // Two nodes that give one group different types; a reference into the middle of a group.
+    ("mmh.link", "mmh", Page(2, 10, 0), &[0x01], All),
+    ("mmh.link", "mmh", Page(1, 11, 2), &[5], All),
+    // Below the least depth of the parent; what is inherited lies outside.
+    ("mmh.depths", "mmh", Record(0, 3, "min_depth"), &[0, 0, 0, 0], All),
+    ("mmh.depths", "mmh", Record(0, 3, "min_depth"), &[0xC1], All),
     ("vector.plain", "vector", Record(0, 3, "page_type"), &[1], All),
     ("vector.root", "vector", Page(0, 0, 1), &[3], All),
     ("vector.root", "vector", Page(3, 0, 1), &[0], All),
@@ -301,6 +333,11 @@ pub fn all() -> Vec<Sample> {
                 // A flat page in a tree: its tag and root mask must then be those of a flat page.
                 let word = position(&bytes, Page(1, 0, 0));
                 bytes[word..word + 2].copy_from_slice(&[0xFF, 0]);
+            }
+            if rule == "mmh.plain" {
+                // A flat shared page: its tag is then that of a flat page.
+                let word = position(&bytes, Page(5, 0, 0));
+                bytes[word] = 0xFF;
             }
             if rule == "vector.plain" {
                 // The same; and the record of such a page has the level 0 already.

@@ -8,6 +8,7 @@ use umbrage::format::page::{FrameHead, TAG_FLAT};
 use umbrage::format::{Kind, PageRecord, StructureRecord};
 use umbrage::writer::container::{ContainerOptions, PageInput};
 
+use crate::mmh_tree::{self, Piece};
 use crate::tree::{Dice, ID, Kids, Naive, grow, pages, structure, write};
 use crate::vector_tree::{self, Entry, Node};
 use Naive::{Empty, Inner, Leaf};
@@ -22,6 +23,7 @@ pub struct Golden {
 /// A tree of any kind.
 pub enum Tree {
     Mh(Naive),
+    Mmh(Piece),
     Vector(Node),
 }
 
@@ -29,6 +31,7 @@ impl Tree {
     pub fn lookup(&self, log2: u8, x: u32, y: u32, level: u8) -> u32 {
         match self {
             Tree::Mh(tree) => tree.lookup(log2, x, y, level),
+            Tree::Mmh(tree) => tree.lookup(log2, x, y, level),
             Tree::Vector(tree) => tree.lookup(log2, x, y, level),
         }
     }
@@ -58,6 +61,7 @@ fn make() -> Vec<Golden> {
             ],
         ),
         golden("roots", 6, vec![("faces", 3, &[2], (11..14).map(|seed| grow(&mut Dice(seed), 3, true, 7)).collect())]),
+        merged("mmh"),
         vectors("vector", vec![("sun", 4, vector())]),
         vectors(
             "vector-two",
@@ -168,6 +172,31 @@ fn describe(r: &mut PageRecord, tree: &Naive, log2: u8) {
     r.stop_error = if is_root { u32::MAX } else { stop }.into();
 }
 
+/// A file of kind `mmh`: a random tree that brings every type of node, child pages and two shared pages.
+fn merged(name: &'static str) -> Golden {
+    const LOG2: u8 = 5;
+    let (tree, mut pages, shared) = (1..)
+        .map(|seed| {
+            let mut dice = Dice(seed);
+            let tree = mmh_tree::grow(&mut |n| dice.roll(n), LOG2);
+            let (pages, shared) = mmh_tree::pages(&tree, LOG2, &[3]);
+            (tree, pages, shared)
+        })
+        .find(|(_, pages, shared)| *shared == 2 && pages.iter().skip(1).any(|p| p.dependencies.len() == 2))
+        .unwrap();
+    // As if the interval of each texel were its value alone.
+    for p in pages.iter_mut().skip(1).filter(|p| !p.record.is_shared()) {
+        let r = p.record;
+        let [x0, y0] = [r.origin_x.get(), r.origin_y.get()];
+        let texels = (0..1u32 << r.log2_x).flat_map(|y| (0..1u32 << r.log2_x).map(move |x| (x0 + x, y0 + y)));
+        let above = tree.lookup(LOG2, x0, y0, r.log2_x);
+        p.record.stop_error = texels.map(|(x, y)| tree.lookup(LOG2, x, y, 0).abs_diff(above)).max().unwrap_or(0).into();
+    }
+    let record = mmh_tree::structure("sun", LOG2, &pages, shared);
+    let bytes = write(&format!("golden-{name}"), ContainerOptions::new(ID), &[(record, pages)]);
+    Golden { name, bytes, trees: vec![vec![Tree::Mmh(tree)]] }
+}
+
 /// Files of kind `vector`, one root a structure.
 fn vectors(name: &'static str, parts: Vec<(&'static str, u8, Node)>) -> Golden {
     let file = |(name, log2, tree): &(&'static str, u8, Node)| {
@@ -246,11 +275,11 @@ fn later() -> Golden {
         p
     };
     let adaptive = page(Kind::Stack.tag(), 0, 0, 4, &[1, 0x4000_0000, 2, 0x4100_0000, 0x0010_FFF0]);
-    let mut mmh = page(Kind::Mmh.tag(), 0b10, 0, 4, &[0x0000_02E4, 0x1000_0000, 0x0001_0000, 0xFFFF_FFFF]);
-    mmh.dependencies = vec![1, 2];
-    let mut first = shared(page(Kind::Mmh.tag(), 0b01_01, 0, 2, &[5, 0xFFFF_FFFB]));
+    let mut merged_page = page(Kind::MmhStack.tag(), 0, 0, 4, &[0x0000_02E4, 0x1000_0000, 0x0001_0000, 0xFFFF_FFFF]);
+    merged_page.dependencies = vec![1, 2];
+    let mut first = shared(page(Kind::MmhStack.tag(), 0, 0, 2, &[5, 0xFFFF_FFFB]));
     first.dependencies = vec![2];
-    let second = shared(page(Kind::Mmh.tag(), 0b01, 0, 0, &[7]));
+    let second = shared(page(Kind::MmhStack.tag(), 0, 0, 0, &[7]));
     let mut stack = page(Kind::MhStack.tag(), 0, 1, 4, &[0x0000_E41B, 0x2000_0000, 1]);
     stack.record.log2_l = 4;
     let mut child = page(Kind::MhStack.tag(), 0, 0, 2, &[0x0000_5555, 1, 2, 3, 4, 5, 6, 7, 8]);
@@ -261,12 +290,12 @@ fn later() -> Golden {
     (quads.record.log2_x, quads.record.log2_y) = (4, 4);
     let record = |name, kind, pages: usize| -> StructureRecord { structure(name, kind, 4, pages) };
     // Room for a list of dependencies behind 2 records; the third lies in a second block.
-    let mut merged = record("mmh", Kind::Mmh, 3);
+    let mut merged = record("merged", Kind::MmhStack, 3);
     merged.shared_pages = 2.into();
     (merged.records_per_block, merged.index_block_log2) = (2.into(), 12);
     let parts = [
         (record("adaptive", Kind::Stack, 1), vec![adaptive]),
-        (merged, vec![mmh, first, second]),
+        (merged, vec![merged_page, first, second]),
         (record("stack", Kind::MhStack, 2), vec![stack, child]),
         (record("quads", Kind::Quads, 1), vec![quads]),
     ];

@@ -22,6 +22,7 @@ use std::path::Path;
 use umbrage_format::checksum::{content_hash, header_crc, page_crc};
 use umbrage_format::header::{ALIGNMENT_LOG2, DEFAULT_ALIGNMENT_LOG2, MAGIC, VERSION_MAJOR, VERSION_MINOR, align_up};
 use umbrage_format::index::{BlockHeader, IndexContext, MAX_PAGE_WORDS};
+use umbrage_format::kind::mmh::References;
 use umbrage_format::kind::tree::{self, Link};
 use umbrage_format::page::{FrameHead, PageContext, check_frame};
 use umbrage_format::section::{INDEX, NO_STRUCTURE, PAGES, REQUIRED, STRUCTURES, check_table};
@@ -96,6 +97,8 @@ struct StructureState {
     nodes: [u64; 3],
     /// What parents said of the pages to come, in ordinal order.
     announced: VecDeque<Link>,
+    /// What nodes said of groups in shared pages to come.
+    references: References,
     block: BlockBuilder,
 }
 
@@ -193,6 +196,8 @@ impl ContainerWriter {
         // At most MAX_PAGE_WORDS, checked above.
         record.hot_words = (page.words.len() as u16).into();
         record.cold_words = 0.into();
+        // More than fit are refused below; their place in the block is known then.
+        record.dep_count = (page.dependencies.len().min(usize::from(u16::MAX)) as u16).into();
         self.check(page, &head, &record)?;
         if !self.state.block.push(&mut record, &page.dependencies) {
             let room = self.state.block.dependency_room();
@@ -231,9 +236,15 @@ impl ContainerWriter {
         for (sum, n) in self.state.nodes.iter_mut().zip([counts.leaves, counts.inner, counts.empty]) {
             *sum += u64::from(n);
         }
-        let said = if cx.is_root() { None } else { self.state.announced.pop_front() };
+        let said = if cx.is_root() || record.is_shared() { None } else { self.state.announced.pop_front() };
         if let Some(link) = &said {
-            tree::check_link(link, head, &cx)?;
+            tree::check_link(link, &page.words, head, &cx)?;
+        }
+        if cx.record.kind() == Some(Kind::Mmh) && record.is_shared() {
+            self.state.references.check(&page.words, &cx)?;
+        } else if cx.record.kind() == Some(Kind::Mmh) {
+            let inherited = tree::inherited(said.as_ref(), &cx);
+            self.state.references.note(&page.words, head, &cx, &page.dependencies, inherited);
         }
         let mut links = vec![None; usize::from(head.child_refs)];
         tree::links(&page.words, head, &cx, said.as_ref(), |child, link| links[usize::from(child)] = Some(link));

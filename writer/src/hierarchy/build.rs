@@ -16,6 +16,7 @@ use crate::solid::SnappedMesh;
 use super::mh::{self, Node};
 use super::page::{At, Forest};
 use super::spool::Spool;
+use super::top;
 use crate::container::WriteError;
 
 /// Level of the squares that one thread works through alone.
@@ -30,6 +31,8 @@ pub struct Options {
     pub exhaustive: bool,
     /// Distance that stored values keep from the ends of wide intervals ([`Interval::guarded`]).
     pub guard: u32,
+    /// Choose values from above within tiles of 256 x 256 texels ([`top`]), not from below.
+    pub top_down: bool,
 }
 
 /// What happened.
@@ -136,8 +139,32 @@ struct Context<'a> {
     second_surface: bool,
     exhaustive: bool,
     guard: u32,
-    spool: &'a Spool,
+    top_down: bool,
+    hold: Hold<'a>,
     progress: &'a Progress,
+}
+
+/// What becomes of groups while a tree is built.
+#[derive(Clone, Copy)]
+pub(crate) enum Hold<'a> {
+    /// They are cut into pages as soon as there are enough of them.
+    Pages(&'a Spool),
+    /// They stay, with the intervals of their values.
+    Whole,
+}
+
+impl Hold<'_> {
+    fn failed(self) -> bool {
+        matches!(self, Hold::Pages(spool) if spool.has_failed())
+    }
+
+    /// Counts what a finished part holds.
+    fn count(self, forest: &Forest, progress: &Progress) {
+        match self {
+            Hold::Pages(spool) => progress.hold(forest, spool),
+            Hold::Whole => progress.take(forest.bytes()),
+        }
+    }
 }
 
 pub(crate) struct Part {
@@ -151,6 +178,30 @@ pub(crate) struct Part {
 /// # Errors
 /// [`Stop`]: cancelled, over the budget, or the spool failed.
 pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Progress) -> Result<Tree, Stop> {
+    let part = run(mesh, options, Hold::Pages(&spool), progress);
+    let part = part.map(|p| (p.forest.finish(p.node, mesh.lattice.log2_resolution, &spool), p.counts));
+    match (spool.failed(), part) {
+        (Some(e), _) => Err(Stop::Spool(e)),
+        (None, Some((root, counts))) => Ok(Tree { spool, root, counts }),
+        (None, None) => Err(stopped(progress)),
+    }
+}
+
+/// Builds the `mh` tree of a mesh and holds all of it, with the intervals of its values, and its root node.
+///
+/// # Errors
+/// [`Stop`]: cancelled or over the budget.
+pub fn build_whole(mesh: &SnappedMesh, options: Options, progress: &Progress) -> Result<(Forest, Node, Counts), Stop> {
+    let part = run(mesh, options, Hold::Whole, progress).ok_or_else(|| stopped(progress))?;
+    Ok((part.forest, part.node, part.counts))
+}
+
+/// Why a build ended early.
+pub(crate) fn stopped(progress: &Progress) -> Stop {
+    if progress.cancel.load(Ordering::Relaxed) { Stop::Cancelled } else { Stop::Budget }
+}
+
+fn run(mesh: &SnappedMesh, options: Options, hold: Hold<'_>, progress: &Progress) -> Option<Part> {
     let surfaces = surfaces(mesh);
     let cx = Context {
         surfaces: &surfaces,
@@ -159,19 +210,12 @@ pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Prog
         second_surface: mesh.second_surface,
         exhaustive: options.exhaustive,
         guard: options.guard,
-        spool: &spool,
+        top_down: options.top_down,
+        hold,
         progress,
     };
     let all: Vec<u32> = (0..surfaces.len() as u32).collect();
-    let at = At { level: cx.resolution_log2, origin: [0, 0] };
-    let part = cx.part(at, &all);
-    let part = part.map(|p| (p.forest.finish(p.node, cx.resolution_log2, &spool), p.counts));
-    match (spool.failed(), part) {
-        (Some(e), _) => Err(Stop::Spool(e)),
-        (None, Some((root, counts))) => Ok(Tree { spool, root, counts }),
-        (None, None) if progress.cancel.load(Ordering::Relaxed) => Err(Stop::Cancelled),
-        (None, None) => Err(Stop::Budget),
-    }
+    cx.part(At { level: cx.resolution_log2, origin: [0, 0] }, &all)
 }
 
 impl Context<'_> {
@@ -198,8 +242,8 @@ impl Context<'_> {
             if self.cancelled() {
                 return None;
             }
-            self.progress.hold(&part.forest, self.spool);
-            if self.spool.has_failed() {
+            self.hold.count(&part.forest, self.progress);
+            if self.hold.failed() {
                 return None;
             }
             self.done(at.level);
@@ -227,13 +271,13 @@ impl Context<'_> {
         let node = self.merge(at, &mut children, &mut forest);
         // what was cut is garbage now
         let node = forest.compact(node);
-        self.progress.hold(&forest, self.spool);
+        self.hold.count(&forest, self.progress);
         self.progress.release(released);
         Some(Part { forest, node, counts })
     }
 
     fn merge(&self, at: At, children: &mut [Node; 4], forest: &mut Forest) -> Node {
-        merge(self.resolution_log2, at, children, forest, self.spool)
+        merge(self.resolution_log2, at, children, forest, self.hold)
     }
 
     fn tile(&self, at: At, list: &[u32]) -> Part {
@@ -252,8 +296,13 @@ impl Context<'_> {
             scratch: Scratch::default(),
             prover: Prover::default(),
             counts: Counts::default(),
+            squares: Vec::new(),
         };
         let node = tile.square(at, 0);
+        let node = match self.top_down {
+            true => top::build(self.resolution_log2, at, &tile.squares, &mut tile.forest, self.hold),
+            false => node,
+        };
         let node = tile.forest.compact(node);
         let mut counts = tile.counts;
         counts.effort = tile.scratch.effort;
@@ -263,11 +312,31 @@ impl Context<'_> {
 }
 
 /// Merges and cuts, except near the root, where the complete coarse levels stay together.
-pub(crate) fn merge(resolution_log2: u8, at: At, children: &mut [Node; 4], forest: &mut Forest, spool: &Spool) -> Node {
-    let mut node = mh::merge(*children, at.level - 1, &mut forest.groups);
+pub(crate) fn merge(
+    resolution_log2: u8,
+    at: At,
+    children: &mut [Node; 4],
+    forest: &mut Forest,
+    hold: Hold<'_>,
+) -> Node {
+    let node = mh::merge(*children, at.level - 1, &mut forest.groups);
+    finish(resolution_log2, at, node, children, forest, hold)
+}
+
+/// Cuts below a new node, or keeps the intervals of its children.
+pub(crate) fn finish(
+    resolution_log2: u8,
+    at: At,
+    mut node: Node,
+    children: &mut [Node; 4],
+    forest: &mut Forest,
+    hold: Hold<'_>,
+) -> Node {
     let depth = resolution_log2 - at.level;
-    if depth + 1 >= super::page::COARSE_DEPTH {
-        forest.cut(&mut node, at, children, spool);
+    match hold {
+        Hold::Pages(spool) if depth + 1 >= super::page::COARSE_DEPTH => forest.cut(&mut node, at, children, spool),
+        Hold::Whole if node.below != mh::NONE => forest.intervals.push(children.map(|c| c.interval)),
+        _ => {}
     }
     node
 }
@@ -281,6 +350,8 @@ struct Tile<'a> {
     scratch: Scratch,
     prover: Prover,
     counts: Counts,
+    /// Of a tile that is built from above, the squares that one interval answers.
+    squares: Vec<(At, Node)>,
 }
 
 impl Tile<'_> {
@@ -293,20 +364,20 @@ impl Tile<'_> {
         let list = &self.stack[start..];
         // a cancelled tile is thrown away, so any answer will do
         if is_open(self.rays.locals, list) || self.cx.cancelled() {
-            return Node::uniform(Interval::UNCOVERED);
+            return self.leaf(at, Node::uniform(Interval::UNCOVERED));
         }
         if at.level == 0 {
             self.counts.texels_evaluated += 1;
             let truth = texel(&self.rays, list, p, size, wide(self.cx.guard), &mut self.scratch);
             self.counts.edge_texels += u64::from(!truth.certified);
             self.counts.thin_texels += u64::from(truth.thin);
-            return Node::guarded(truth.interval, self.cx.guard);
+            return self.leaf(at, Node::guarded(truth.interval, self.cx.guard));
         }
         if !self.cx.exhaustive && list.len() <= PROOF_LIST {
             let proven = self.prover.prove(&self.rays, list, p, size, self.cx.second_surface, false);
             // a narrow proof may be part of a wide interval, whose value keeps the guard
             if let Some(interval) = proven.filter(|i| i.width() >= wide(self.cx.guard)) {
-                return Node::guarded(interval, self.cx.guard);
+                return self.leaf(at, Node::guarded(interval, self.cx.guard));
             }
         }
         let end = self.stack.len();
@@ -323,6 +394,18 @@ impl Tile<'_> {
             *node = self.square(child, end);
             self.stack.truncate(end);
         }
-        self.cx.merge(at, &mut children, &mut self.forest)
+        match self.cx.top_down {
+            // All squares below are needed before the first value is chosen.
+            true => children[0],
+            false => self.cx.merge(at, &mut children, &mut self.forest),
+        }
+    }
+
+    /// A square that one interval answers.
+    fn leaf(&mut self, at: At, node: Node) -> Node {
+        if self.cx.top_down {
+            self.squares.push((at, node));
+        }
+        node
     }
 }

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crate::interval::Interval;
 use crate::layers::{LatticeLayers, LayersError, Square, TileBuffer};
 
-use super::build::{Counts, Part, Progress, TILE_LEVEL, Tree, merge};
+use super::build::{Counts, Hold, Part, Progress, TILE_LEVEL, Tree, merge};
 use super::mh::Node;
 use super::page::{At, Forest};
 use super::spool::Spool;
@@ -82,7 +82,7 @@ impl Context<'_> {
             released += part.forest.bytes();
             *child = forest.absorb(part.forest, part.node);
         }
-        let node = merge(self.resolution_log2, at, &mut children, &mut forest, self.spool);
+        let node = merge(self.resolution_log2, at, &mut children, &mut forest, Hold::Pages(self.spool));
         // what was cut is garbage now
         let node = forest.compact(node);
         self.progress.hold(&forest, self.spool);
@@ -106,6 +106,6 @@ impl Context<'_> {
             return Node::guarded(intervals[y << tile.log2_side | x], self.guard);
         }
         let mut children = [0, 1, 2, 3].map(|c| self.square(at.child(c), tile, intervals, forest));
-        merge(self.resolution_log2, at, &mut children, forest, self.spool)
+        merge(self.resolution_log2, at, &mut children, forest, Hold::Pages(self.spool))
     }
 }

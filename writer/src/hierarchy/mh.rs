@@ -1,4 +1,5 @@
-//! Kind `mh`: bottom-up construction (Scandolo et al. 2016, section 3.1, algorithm 2), one merge at a time.
+//! Kind `mh`: bottom-up construction (Scandolo et al. 2016, section 3.1, algorithm 2), one merge at a time. Top-down:
+//! [`super::top`].
 
 use umbrage_format::kind::mh::{Mask, NodeType};
 
@@ -51,7 +52,13 @@ pub struct Span {
 }
 
 impl Span {
-    fn join(self, o: Span) -> Span {
+    /// Bound of the lattice distance of `value` to a texel's interval.
+    pub fn stop_error(&self, value: u32) -> u32 {
+        self.low.saturating_sub(value).max(value.saturating_sub(self.high))
+    }
+
+    /// Of two squares together.
+    pub fn join(self, o: Span) -> Span {
         Span {
             low: self.low.max(o.low),
             high: self.high.min(o.high),
@@ -101,12 +108,18 @@ pub fn representative(children: [Interval; 4]) -> (Interval, u8) {
 /// Merges four children; a new group is added where any of them stays. `level` is the level of the children.
 pub fn merge(children: [Node; 4], level: u8, groups: &mut Vec<Group>) -> Node {
     let (interval, which) = representative(children.map(|c| c.interval));
+    group(interval, &children, [0, 1, 2, 3].map(|i| which >> i & 1 == 0), level, groups)
+}
+
+/// A node of four children, of which those that `keep` their value stay; a new group is added where any child is left.
+/// `interval` is the node's own, and holds for all children that do not keep theirs. `level` is the level of the children.
+pub fn group(interval: Interval, children: &[Node; 4], keep: [bool; 4], level: u8, groups: &mut Vec<Group>) -> Node {
     let mut types = [NodeType::None; 4];
     let mut group = Group { mask: Mask(0), value: [0; 4], below: [NONE; 4], span: children[0].span };
     let (mut words, mut finest) = (0, u8::MAX);
     let mut span = children.iter().skip(1).fold(children[0].span, |s, c| s.join(c.span));
     for (i, c) in children.iter().enumerate() {
-        let inherits = which >> i & 1 == 1;
+        let inherits = !keep[i];
         types[i] = match (inherits, c.below == NONE) {
             (true, true) => NodeType::None,
             (true, false) => NodeType::Empty,

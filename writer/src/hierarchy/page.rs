@@ -8,6 +8,7 @@ use umbrage_format::kind::mh::{self, Children, NodeType};
 
 use super::mh::{CUT, Group, NONE, Node, Span};
 use super::spool::Spool;
+use crate::interval::Interval;
 
 /// Most words of an ordinary page (8 KiB); see NOTES.md beside this file.
 pub const PAGE_WORDS: u32 = 2048;
@@ -52,6 +53,8 @@ pub struct DraftRef {
 pub struct Forest {
     /// Groups by number.
     pub groups: Vec<Group>,
+    /// Of a forest that is kept whole, for kind `mmh`, the intervals of the groups' values; else none.
+    pub intervals: Vec<[Interval; 4]>,
 }
 
 /// Where a node lies: its level and the first texel of its square.
@@ -77,6 +80,7 @@ impl Forest {
     pub fn absorb(&mut self, other: Forest, node: Node) -> Node {
         let groups = self.groups.len() as u32;
         let shift = |b: u32| if b & CUT != 0 { b } else { b + groups };
+        self.intervals.extend(other.intervals);
         self.groups.extend(other.groups.into_iter().map(|mut g| {
             g.below = g.below.map(shift);
             g
@@ -86,11 +90,14 @@ impl Forest {
 
     /// Bytes held.
     pub fn bytes(&self) -> u64 {
-        (size_of::<Group>() * self.groups.capacity()) as u64
+        (size_of::<Group>() * self.groups.capacity() + size_of::<[Interval; 4]>() * self.intervals.capacity()) as u64
     }
 
-    /// Drops groups that no longer hang below `node`.
+    /// Drops groups that no longer hang below `node`; of a forest that is kept whole, none.
     pub fn compact(&mut self, node: Node) -> Node {
+        if !self.intervals.is_empty() {
+            return node;
+        }
         let mut kept = Vec::with_capacity(self.reachable(node.below));
         let below = keep(&self.groups, node.below, &mut kept);
         self.groups = kept;

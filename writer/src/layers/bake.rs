@@ -108,7 +108,7 @@ pub fn bake_layers(
         done.push((structure(source, &layers, &tree, error)?, tree, report));
     }
     let start = Instant::now();
-    let (trees, lights): (Vec<_>, Vec<_>) = done.into_iter().map(|(r, t, report)| ((r, t), report)).unzip();
+    let (trees, lights): (Vec<_>, Vec<_>) = done.into_iter().map(|(r, t, report)| ((r, t.into()), report)).unzip();
     let written = write(target, file_id, trees, progress)?;
     seconds.write = start.elapsed().as_secs_f64();
     Ok(BakedLayers { lights, bytes: written.bytes, file_id, seconds })

@@ -8,12 +8,15 @@ fn umb_answer(root: u32, x: u32, y: u32, level: u32) -> UmbAnswer {
     if umb_view.kind == UMB_KIND_MH {
         return umb_mh(root, x, y, level);
     }
+    if umb_view.kind == UMB_KIND_MMH {
+        return umb_mmh(root, x, y, level);
+    }
     var d = umb_nothing(root);
     d.missing = root;
     return d;
 }
 
-// Answer at a place inside texel (x, y), `sub` 1/256 of a texel from its corner; in kind mh the texel's own.
+// Answer at a place inside texel (x, y), `sub` 1/256 of a texel from its corner; in kinds mh and mmh the texel's own.
 fn umb_continuous(root: u32, x: u32, y: u32, sub: vec2<u32>) -> UmbAnswer {
     if umb_view.kind == UMB_KIND_VECTOR {
         return umb_vector_continuous(root, x, y, sub.x, sub.y);

@@ -8,7 +8,7 @@ struct UmbAnswer {
     level: u32,
     // Page of that node.
     page: u32,
-    // That node in its page: its word in mh, its number 4 * group + c in vector.
+    // That node in its page: its word in mh and mmh, its number 4 * group + c in vector.
     word: u32,
     // The page that the walk needed and did not get, or UMB_NO_PAGE.
     missing: u32,

@@ -4,6 +4,7 @@ pub mod accuracy;
 pub mod bake;
 pub mod check;
 pub mod levels;
+pub mod merge;
 pub mod query;
 pub mod size;
 pub mod stability;

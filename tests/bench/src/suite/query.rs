@@ -117,7 +117,7 @@ struct Arrays {
     tiles: Vec<u32>,
 }
 
-/// A file of kind `vector`. Its values differ from the arrays', within the same intervals.
+/// A file of kind `vector` or `mmh`. Its values differ from the arrays', within the same intervals.
 struct Vector {
     map: Map,
     resident: Resident,
@@ -128,8 +128,12 @@ impl Vector {
     fn open(file: &std::path::Path) -> Result<Self, Failure> {
         let map = scenes::open(file)?;
         let kind = map.structure().kind();
-        if kind != Kind::Vector {
-            return Err(Failure::input(format!("{}: kind {}; kind vector is wanted", file.display(), kind.name())));
+        if kind == Kind::Mh {
+            return Err(Failure::input(format!(
+                "{}: kind {}; kind vector or mmh is wanted",
+                file.display(),
+                kind.name()
+            )));
         }
         let resident = map.preload()?;
         Ok(Self { map, resident, file_bytes: std::fs::metadata(file).map_or(0, |m| m.len()) })

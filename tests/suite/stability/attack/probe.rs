@@ -112,6 +112,8 @@ pub fn bake_to(mesh: &Mesh, case: &Case, target: &Path) -> Result<u64, BakeError
         policy: case.policy,
         kind: case.kind,
         exhaustive: false,
+        top_down: false,
+        mmh: Default::default(),
         memory_bytes: None,
     };
     Ok(bake(mesh, &options, target, &Default::default())?.bytes)

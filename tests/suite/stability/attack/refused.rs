@@ -36,6 +36,8 @@ impl Refused {
             policy: self.policy,
             kind,
             exhaustive: false,
+            top_down: false,
+            mmh: Default::default(),
             memory_bytes: None,
         };
         bake(&self.mesh, &options, target, &Default::default())

@@ -1,0 +1,159 @@
+//! The walk of kind `mmh` over all pages in one array.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation
+)]
+
+use umbrage_format::kind::mh::{Mask, ROOT_GROUP, child_of};
+use umbrage_format::projection::UNCOVERED;
+
+use super::root_mask;
+use crate::query::resident::GRID_LEVELS;
+
+/// A page in the array.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::query) struct Page {
+    /// Its first word.
+    pub(in crate::query) first: u32,
+    /// Ordinal of its first child.
+    pub(in crate::query) first_child: u32,
+    /// Its first place in the list of dependencies.
+    pub(in crate::query) dependencies: u32,
+}
+
+/// Pages that are all checked and linked.
+#[derive(Debug)]
+pub(in crate::query) struct Tree {
+    /// The pages one behind the other.
+    words: Vec<u32>,
+    pages: Vec<Page>,
+    /// First words of the pages that pages depend on, list behind list.
+    dependencies: Vec<u32>,
+    /// Walks that have come down to `grid_level` already, row by row.
+    grid: Vec<Walk>,
+    grid_level: u8,
+    log2_resolution: u8,
+}
+
+/// A walk between two groups.
+#[derive(Clone, Copy, Debug)]
+struct Walk {
+    /// Value last seen.
+    value: u32,
+    /// Rises so far.
+    sum: u32,
+    /// First word of the page.
+    page: u32,
+    /// Number of the page; of a shared page, which refers to no other, that of the page before.
+    ordinal: u32,
+    /// First word of the next group in the array.
+    group: u32,
+    /// Types of the next group; none where the walk has ended.
+    mask: Mask,
+    /// Level of the next group's nodes.
+    level: u8,
+}
+
+impl Tree {
+    /// From the pages one behind the other, and the ordinals that they depend on, list behind list.
+    pub(in crate::query) fn new(words: Vec<u32>, pages: Vec<Page>, dependencies: &[u32], log2_resolution: u8) -> Self {
+        let first = |o: &u32| pages.get(*o as usize).map_or(u32::MAX, |p| p.first);
+        let dependencies = dependencies.iter().map(first).collect();
+        let mut tree =
+            Self { words, pages, dependencies, grid: Vec::new(), grid_level: log2_resolution, log2_resolution };
+        tree.build_grid();
+        tree
+    }
+
+    /// Walks to every cell of the grid once.
+    fn build_grid(&mut self) {
+        let levels = GRID_LEVELS.min(self.log2_resolution);
+        let level = self.log2_resolution - levels;
+        let side = 1u32 << levels;
+        let cells = (0..side).flat_map(|y| (0..side).map(move |x| (x << level, y << level)));
+        self.grid = cells.map(|(x, y)| self.walk(self.start(), x, y, level)).collect();
+        self.grid_level = level;
+    }
+
+    fn start(&self) -> Walk {
+        let mask = root_mask(&self.words);
+        let level = self.log2_resolution.min(31);
+        Walk { value: UNCOVERED, sum: 0, page: 0, ordinal: 0, group: ROOT_GROUP.into(), mask, level }
+    }
+
+    #[inline]
+    fn word(&self, at: u32) -> u32 {
+        self.words.get(at as usize).copied().unwrap_or(0)
+    }
+
+    /// Goes on until `level` has been visited or the walk ends.
+    #[inline]
+    fn walk(&self, mut w: Walk, x: u32, y: u32, level: u8) -> Walk {
+        loop {
+            let c = child_of(x, y, w.level);
+            let kind = u32::from(w.mask.0) >> (2 * c) & 3;
+            if kind == 0 {
+                w.mask = Mask(0);
+                return w;
+            }
+            let at = w.group.wrapping_add(w.mask.words_before(c));
+            let word = self.word(at);
+            if kind == 1 {
+                (w.value, w.mask) = (w.sum.wrapping_add(word), Mask(0));
+                return w;
+            }
+            if kind == 2 {
+                w.sum = w.sum.wrapping_add(self.word(at.wrapping_add(1)));
+                w.value = w.sum;
+            }
+            // Level 0 ends here in any case; checked pages have no children there.
+            let end = w.level <= level;
+            let [mask, place, low, high] = word.to_le_bytes();
+            let first = u32::from(u16::from_le_bytes([low, high]));
+            w.mask = Mask(mask);
+            if place == 0 {
+                w.group = w.page.wrapping_add(first);
+            } else if place == 1 {
+                let from = self.pages.get(w.ordinal as usize).map_or(0, |p| p.first_child);
+                w.ordinal = from.wrapping_add(first);
+                w.page = self.pages.get(w.ordinal as usize).map_or(u32::MAX, |p| p.first);
+                let [_, mask, _, _] = self.word(w.page).to_le_bytes();
+                (w.mask, w.group) = (Mask(mask), w.page.wrapping_add(ROOT_GROUP.into()));
+            } else {
+                let list = self.pages.get(w.ordinal as usize).map_or(u32::MAX, |p| p.dependencies);
+                let at = list.wrapping_add(u32::from(place) - 2) as usize;
+                w.page = self.dependencies.get(at).copied().unwrap_or(u32::MAX);
+                w.group = w.page.wrapping_add(first);
+            }
+            w.level = w.level.saturating_sub(1);
+            if end {
+                return w;
+            }
+        }
+    }
+
+    /// Stored depth at a texel of the map.
+    #[inline]
+    pub(in crate::query) fn value(&self, x: u32, y: u32, level: u8) -> u32 {
+        if level > self.grid_level {
+            return self.walk(self.start(), x, y, level).value;
+        }
+        let (shift, width) = (u32::from(self.grid_level), u32::from(self.log2_resolution - self.grid_level));
+        let cell = ((y >> shift) << width | x >> shift) as usize;
+        let start = self.grid.get(cell).copied().unwrap_or_else(|| self.start());
+        if level == self.grid_level || start.mask.0 == 0 {
+            return start.value;
+        }
+        self.walk(start, x, y, level).value
+    }
+
+    /// Bytes held.
+    pub(in crate::query) fn bytes(&self) -> usize {
+        let words = self.words.len() + self.dependencies.len();
+        words * 4 + self.pages.len() * size_of::<Page>() + self.grid.len() * size_of::<Walk>()
+    }
+}
