@@ -102,7 +102,7 @@ pub const LIGHTS: [[f64; 3]; 10] = [
 ];
 
 /// All attacks.
-pub const ATTACKS: [Attack; 25] = [
+pub const ATTACKS: [Attack; 26] = [
     Attack { name: "edge-on", open: None, mesh: edge_on },
     Attack { name: "needles", open: None, mesh: needles },
     Attack { name: "fan of tips", open: None, mesh: fan_of_tips },
@@ -128,6 +128,7 @@ pub const ATTACKS: [Attack; 25] = [
     Attack { name: "Moebius", open: Some(0.01), mesh: moebius },
     Attack { name: "one triangle", open: Some(0.2), mesh: one_triangle },
     Attack { name: "debris", open: Some(0.02), mesh: debris },
+    Attack { name: "blades", open: None, mesh: blades },
 ];
 
 /// Upright slabs, ever thinner, one behind the other, over a floor. From above and along their sides all large faces are
@@ -186,6 +187,22 @@ fn wedges() -> Mesh {
         tetrahedron([base[0], base[1], base[2], [x + 0.01, end, z]])
     };
     union((0..6).map(wedge).chain((0..4).map(spike)))
+}
+
+/// Wedges over half of the map whose two faces rise the same way, one hardly steeper: where they run out, several texels
+/// side by side have next to no depth between front and back.
+fn blades() -> Mesh {
+    let blade = |i: i32| {
+        let z = f64::from(i) * 0.25 - 0.9;
+        let (rise, more) = (0.9 - 0.3 * f64::from(i % 3), 4e-4 * 0.35f64.powi(i));
+        let (x, far) = (-0.7 + 0.013 * f64::from(i), 0.6);
+        let (low, high) = (rise * (far - x), (rise + more) * (far - x));
+        let b =
+            [[x, 0.0, z], [far, low, z], [far, high, z], [x, 0.0, z + 0.2], [far, low, z + 0.2], [far, high, z + 0.2]];
+        let triangles = vec![[0, 3, 4], [0, 4, 1], [0, 1, 2], [3, 5, 4], [0, 2, 5], [0, 5, 3], [1, 4, 5], [1, 5, 2]];
+        Mesh { positions: b.to_vec(), triangles }
+    };
+    union((0..7).map(blade))
 }
 
 /// A box's triangles with edges cut in the middle on one side only; `filled` closes the gaps with triangles of no area.

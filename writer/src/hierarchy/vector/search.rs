@@ -1,7 +1,7 @@
 //! One entry for a whole square, proven for every texel of it, or nothing.
 //!
 //! A square is answered by one constant or plane, or cut along silhouette edges, else along edges between two faces of the
-//! front or the end, into at most four cells with one each.
+//! front or the end, into a few cells with one each.
 //!
 //! Claim of [`Search::square`]: at every texel of the square the stored function's value lies in the texel's interval
 //! (CONVENTIONS, Intervals: the area interval where it is not empty, else the centre's), and keeps the guard where that is wide.

@@ -184,6 +184,10 @@ impl Search<'_> {
         if least > empty {
             return None;
         }
+        // below the line where front and end meet there is only the region's margin
+        if self.polygon.range(dz, dx, dy).0 < -0.5 * least {
+            return None;
+        }
         let part = &mut self.part;
         part.copy(&self.polygon);
         part.keep_plane(dx, dy, dz - reach - least);
@@ -207,8 +211,7 @@ impl Search<'_> {
             part.keep_plane(-dx, -dy, high - dz);
             part.keep_plane(dx, dy, dz - low.max(-least));
             let (Some(rows), Some(columns)) = (part.extent(u), part.extent(v)) else { continue };
-            // below the line where front and end meet there is only the region's margin
-            if low.is_infinite() && part.range(dz, dx, dy).0 < -0.5 * least || part.area() > MOST_STRIP * t * t {
+            if part.area() > MOST_STRIP * t * t {
                 return None;
             }
             let index = |x: f64| (x - t / 2.0) / t;
@@ -223,18 +226,20 @@ impl Search<'_> {
             let mut row = first;
             while let Some(next) = next_hit(begins(row), -along / across, width, last - row) {
                 row += next;
-                let column = ceil(begins(row));
-                let mut c = [0; 2];
-                (c[u], c[v]) = (row * texel + texel / 2, column * texel + texel / 2);
-                let outside = (0..2).any(|i| c[i] < region.p[i] || c[i] > region.p[i] + region.size);
-                let off = (c[v] as f64) < columns.0 - t || (c[v] as f64) > columns.1 + t;
-                if !outside && !off && region.lines.iter().all(|l| l.at(c) >= 0) && !own.fits(c).0 {
-                    self.close.push(c);
-                }
-                looked += 1;
-                if self.close.len() > MOST_CLOSE || looked > 4 * MOST_CLOSE {
-                    self.close.clear();
-                    return None;
+                // a strip may be wider than a column
+                for column in ceil(begins(row))..=-ceil(-begins(row) - width) {
+                    let mut c = [0; 2];
+                    (c[u], c[v]) = (row * texel + texel / 2, column * texel + texel / 2);
+                    let outside = (0..2).any(|i| c[i] < region.p[i] || c[i] > region.p[i] + region.size);
+                    let off = (c[v] as f64) < columns.0 - t || (c[v] as f64) > columns.1 + t;
+                    if !outside && !off && region.lines.iter().all(|l| l.at(c) >= 0) && !own.fits(c).0 {
+                        self.close.push(c);
+                    }
+                    looked += 1;
+                    if self.close.len() > MOST_CLOSE || looked > 4 * MOST_CLOSE {
+                        self.close.clear();
+                        return None;
+                    }
                 }
                 row += 1;
             }
