@@ -52,8 +52,8 @@ pub fn always_enough(structure: &Structure) -> Result<u32, ReaderError> {
 }
 
 /// Fewest blocks in which every page finds room beside the roots, all pages above it, and the shared pages that any of
-/// these depends on. Reads the whole index; a page whose record can't be read is left out, as it can't be streamed
-/// either.
+/// these depends on. Reads the whole index; a page whose record or list of dependencies can't be read is left out,
+/// as it can't be streamed either.
 ///
 /// # Errors
 /// The index blocks of the roots can't be read.
@@ -75,7 +75,7 @@ pub fn just_enough(structure: &Structure) -> Result<u32, ReaderError> {
             way[usize::from(class)] = way[usize::from(class)].saturating_add(1);
         }
         let mut all: Classes = std::array::from_fn(|c| roots[c] + u32::from(way[c]));
-        for shared in dependencies(structure, &records, &parents, ordinal)? {
+        for shared in dependencies(structure, &records, &parents, ordinal) {
             if let Some(class) = class(shared) {
                 all[usize::from(class)] += 1;
             }
@@ -96,15 +96,16 @@ fn dependencies(
     records: &[Option<PageRecord>],
     parents: &[Option<u32>],
     ordinal: u32,
-) -> Result<BTreeSet<u32>, ReaderError> {
+) -> BTreeSet<u32> {
     let mut found = BTreeSet::new();
     let mut open: Vec<u32> = std::iter::successors(Some(ordinal), |o| parents[*o as usize]).collect();
     while let Some(page) = open.pop() {
         let has = records.get(page as usize).and_then(Option::as_ref).is_some_and(|r| r.dep_count.get() != 0);
         if has {
-            // Ordinals of dependencies rise, so this ends.
-            open.extend(structure.dependencies(page)?.into_iter().filter(|d| found.insert(*d)));
+            // A page whose list can't be read can't be streamed. Ordinals of dependencies rise, so this ends.
+            let list = structure.dependencies(page).unwrap_or_default();
+            open.extend(list.into_iter().filter(|d| found.insert(*d)));
         }
     }
-    Ok(found)
+    found
 }
