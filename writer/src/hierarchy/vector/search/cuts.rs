@@ -49,8 +49,8 @@ impl Search<'_> {
         let level = (size >> self.scale.subtexel_bits).trailing_zeros();
         let (mut lines, mut broken) = (0, 0);
         for edge in edges {
-            lines += usize::from(!self.is_hidden(list, edge.places[1], edge.slack));
-            let [from, _, to] = edge.places.map(|q| self.is_hidden(list, q, edge.slack));
+            let [from, middle, to] = edge.places.map(|q| self.is_hidden(list, q, edge.slack));
+            lines += usize::from(!middle);
             // somewhere in the square it runs into something
             broken += usize::from(from != to);
             if lines > 3 {
