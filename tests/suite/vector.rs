@@ -188,3 +188,29 @@ fn what_vector_does_not_do_is_refused() {
         assert!(!place.file("no.umb").exists());
     }
 }
+
+/// Blocks of thin foliage at many depths hold each texel's own.
+#[test]
+fn raws_are_right_where_few_entries_answer() {
+    let place = Place::new("vector-raws");
+    let forest = "forest:1:0.05";
+    let args = ["bake", forest, "--light", SUN, "--kind", "vector", "--resolution", "1024", "-o", "forest.umb"];
+    place.fine(&args);
+    let file = open(&place, "forest.umb");
+    let found = json(&place, &["dump", "forest.umb", "--json"], 0);
+    let raws = found["lights"][0]["palette"]["raws"].as_u64().unwrap();
+    assert!(raws > 500, "{found}");
+    let found = json(&place, &["verify", "forest.umb", "--source", forest, "--json"], 0);
+    assert_eq!((&found["ok"], &found["texels_checked"]), (&true.into(), &(1024u64 * 1024).into()), "{found}");
+    let (paged, map) = (Map::new(file.structure(0).unwrap()).unwrap(), in_memory(&file));
+    for (x, y) in (0..1024).step_by(3).flat_map(|y| (0..1024).step_by(3).map(move |x| (x, y))) {
+        assert_eq!(paged.texel(x, y, 0).unwrap().value, map.value(x, y, 0), "{x}, {y}");
+    }
+    let view = ["render", forest, "forest.umb", "--camera", "40,25,30,0,0,0", "--size", "160x90", "--backend"];
+    let [device, cpu] = ["gpu", "cpu"].map(|backend| {
+        let picture = format!("{backend}.png");
+        place.fine(&[&view[..], &[backend, "-o", &picture]].concat());
+        fs::read(place.file(&picture)).unwrap()
+    });
+    assert!(device == cpu);
+}

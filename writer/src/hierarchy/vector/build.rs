@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 
 use umbrage_format::kind::mh::{Mask, NodeType};
 
-use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale};
+use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale, raw_words};
 use super::page::{Forest, Group, Node, SHARES};
 use super::search::{BLOCK_LEVEL, Edges, SMALL_LOG2, Search};
 use super::texels::{self, Block};
@@ -26,6 +26,8 @@ const TILE_LEVEL: u8 = 8;
 const TILE_LIST: usize = 96;
 /// From this level on a node's entry is the one that answers the most of its area.
 const AREA_LEVEL: u8 = 6;
+/// What a raw costs besides its words: an index, 1/16 word.
+const RAW_COST: u32 = super::page::INDEX_COST;
 /// Entries from further up that are tried first.
 const MOST_ABOVE: usize = 4;
 
@@ -314,6 +316,7 @@ impl Tile<'_> {
         let lines = if self.search.lines { self.search.silhouettes(&all, p, 4 * size, 6) } else { Vec::new() };
         let exact = self.exact.len() as u32;
         self.exact.push(intervals);
+        let (mark, groups) = (self.forest.palette.mark(), self.forest.groups.len());
         let palette = &mut self.forest.palette;
         let mut ready = Vec::new();
         above.iter().for_each(|id| palette.simple(*id, &mut ready));
@@ -338,7 +341,21 @@ impl Tile<'_> {
                     let mut children = [0, 1, 4, 5].map(|o| Node::leaf(ids[first + o]));
                     *node = self.cx.merge(at.child(c), &mut children, &mut self.forest, &[]);
                 }
-                self.cx.merge(at, &mut quarters, &mut self.forest, &[])
+                let node = self.cx.merge(at, &mut quarters, &mut self.forest, &[]);
+                let depths = super::raw::depths(&intervals);
+                // nodes near the root stay in its page, which has room for the raws of 64 x 64 texels
+                let log2_resolution = self.cx.scale.log2_resolution;
+                let has_room = log2_resolution <= 6 || log2_resolution - at.level > COARSE_DEPTH;
+                if !has_room || RAW_COST + 16 * raw_words(&depths) >= self.forest.takes(&node, groups, mark) {
+                    return node;
+                }
+                self.forest.groups.truncate(groups);
+                self.forest.palette.back(mark);
+                let raw = self.forest.palette.raw(depths);
+                let mut raw = Node { exact, ..Node::leaf(self.forest.palette.entry(Entry::Raw(raw))) };
+                let old = |s: &(EntryId, f32)| s.1 > 0.0 && self.forest.palette.is_older(s.0, mark);
+                node.share.into_iter().filter(old).enumerate().for_each(|(i, s)| raw.share[i] = s);
+                raw
             }
         }
     }
@@ -355,6 +372,11 @@ fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interv
     let depth = scale.log2_resolution - at.level;
     if depth < COARSE_DEPTH && at.level > 1 && scale.log2_resolution > SMALL_LOG2 {
         children.iter_mut().for_each(|c| lower(c, forest));
+    }
+    let share = shares(children);
+    let mut simple = share.iter().map(|s| s.0).find(|e| forest.palette.is_simple(*e));
+    if simple.is_none() && (at.level >= AREA_LEVEL || depth <= COARSE_DEPTH) {
+        simple = Some(forest.palette.simplified(share[0].0));
     }
     let palette = &forest.palette;
     let agrees = |(entry, proven): (EntryId, bool), c: usize| {
@@ -378,7 +400,7 @@ fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interv
             continue;
         }
         // masks are of their own block
-        let own = matches!(palette.get(key.0), Entry::Mask { .. });
+        let own = matches!(palette.get(key.0), Entry::Mask { .. } | Entry::Raw(_));
         let which = kept(key);
         let count = 2 * which.count_ones() - u32::from(own);
         if count > best.0 {
@@ -386,11 +408,12 @@ fn merge(at: At, children: &mut [Node; 4], forest: &mut Forest, exact: &[[Interv
         }
     }
     let (_, (mut entry, mut proven), mut which) = best;
-    let share = shares(children);
-    if at.level >= AREA_LEVEL || (depth <= COARSE_DEPTH && !palette.is_simple(entry)) {
+    let areal = at.level >= AREA_LEVEL
+        || matches!(palette.get(entry), Entry::Raw(_))
+        || (depth <= COARSE_DEPTH && !palette.is_simple(entry));
+    if let Some(simple) = simple.filter(|_| areal) {
         // the most area, not the most children: few nodes, which coarse lookups see
-        let first = share.iter().map(|s| s.0).find(|e| palette.is_simple(*e));
-        entry = first.unwrap_or_else(|| palette.simplified(share[0].0));
+        entry = simple;
         let both = [true, false].map(|p| kept((entry, p)));
         proven = both[0].count_ones() >= both[1].count_ones();
         which = both[usize::from(!proven)];

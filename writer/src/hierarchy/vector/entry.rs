@@ -7,6 +7,7 @@
 use rustc_hash::FxHashMap as HashMap;
 use std::collections::BTreeSet;
 
+use umbrage_format::kind::vector::Raw;
 use umbrage_format::projection::UNCOVERED;
 
 use crate::interval::proof::HalfPlane;
@@ -69,6 +70,8 @@ pub enum Entry {
         /// 2 bits for each texel, by rows.
         selectors: u32,
     },
+    /// 4 x 4 depths: number in [`Palette::raws`].
+    Raw(u32),
 }
 
 /// Sub-texel scale of a map: lattice steps in a texel, as a power of two, at least 8; and the map's side.
@@ -210,21 +213,30 @@ pub struct Palette {
     pub entries: Vec<Entry>,
     /// Lines by number.
     pub lines: Vec<Line>,
+    /// Depths of raws by number, 4 x 4 by rows.
+    pub raws: Vec<[u32; 16]>,
     by_entry: HashMap<Entry, EntryId>,
     values: BTreeSet<u32>,
     offsets: HashMap<(i32, i32, u8), Vec<i64>>,
     by_line: HashMap<Line, u32>,
+    by_raw: HashMap<[u32; 16], u32>,
 }
+
+/// How much a palette holds: entries, lines, raws.
+#[derive(Clone, Copy, Debug)]
+pub struct Mark([usize; 3]);
 
 impl Default for Palette {
     fn default() -> Self {
         let mut palette = Palette {
             entries: Vec::new(),
             lines: Vec::new(),
+            raws: Vec::new(),
             by_entry: HashMap::default(),
             values: BTreeSet::new(),
             offsets: HashMap::default(),
             by_line: HashMap::default(),
+            by_raw: HashMap::default(),
         };
         palette.entry(Entry::Constant(UNCOVERED));
         palette
@@ -272,18 +284,26 @@ impl Palette {
         })
     }
 
+    /// Number of a raw.
+    pub fn raw(&mut self, depths: [u32; 16]) -> u32 {
+        *self.by_raw.entry(depths).or_insert_with(|| {
+            self.raws.push(depths);
+            self.raws.len() as u32 - 1
+        })
+    }
+
     /// The entry of a number.
     pub fn get(&self, id: EntryId) -> Entry {
         self.entries[id as usize]
     }
 
-    /// Numbers of entries and lines so far.
-    pub fn mark(&self) -> (usize, usize) {
-        (self.entries.len(), self.lines.len())
+    /// How much there is so far.
+    pub fn mark(&self) -> Mark {
+        Mark([self.entries.len(), self.lines.len(), self.raws.len()])
     }
 
     /// Forgets what came after the mark.
-    pub fn back(&mut self, (entries, lines): (usize, usize)) {
+    pub fn back(&mut self, Mark([entries, lines, raws]): Mark) {
         for entry in self.entries.drain(entries..) {
             self.by_entry.remove(&entry);
             match entry {
@@ -301,11 +321,19 @@ impl Palette {
         for line in self.lines.drain(lines..) {
             self.by_line.remove(&line);
         }
+        for depths in self.raws.drain(raws..) {
+            self.by_raw.remove(&depths);
+        }
+    }
+
+    /// Whether an entry was there at the mark.
+    pub fn is_older(&self, id: EntryId, mark: Mark) -> bool {
+        (id as usize) < mark.0[0]
     }
 
     /// Words that an entry takes that was not there at the mark.
-    pub fn price(&self, id: EntryId, mark: (usize, usize)) -> u32 {
-        if (id as usize) < mark.0 {
+    pub fn price(&self, id: EntryId, mark: Mark) -> u32 {
+        if self.is_older(id, mark) {
             return 0;
         }
         let parts: u32 = self.parts(id).into_iter().flatten().map(|p| self.price(p, mark)).sum();
@@ -313,8 +341,9 @@ impl Palette {
             + match self.get(id) {
                 Entry::Constant(_) => 1,
                 Entry::Plane(_) => 3,
-                Entry::Split { line, .. } => 1 + if (line as usize) < mark.1 { 0 } else { 3 },
+                Entry::Split { line, .. } => 1 + if (line as usize) < mark.0[1] { 0 } else { 3 },
                 Entry::Mask { .. } => 2,
+                Entry::Raw(n) => raw_words(&self.raws[n as usize]),
             }
     }
 
@@ -331,6 +360,7 @@ impl Palette {
                     Entry::Split { line: self.line(other.lines[line as usize]), near: at(near), beyond: at(beyond) }
                 }
                 Entry::Mask { entries, selectors } => Entry::Mask { entries: entries.map(at), selectors },
+                Entry::Raw(n) => Entry::Raw(self.raw(other.raws[n as usize])),
                 e => e,
             };
             map[i] = self.entry(entry);
@@ -362,11 +392,18 @@ impl Palette {
     }
 
     /// Itself, or a constant or plane that it answers with somewhere.
-    pub fn simplified(&self, mut id: EntryId) -> EntryId {
+    pub fn simplified(&mut self, mut id: EntryId) -> EntryId {
         while let Some(part) = self.parts(id)[0] {
             id = part;
         }
-        id
+        match self.get(id) {
+            Entry::Raw(n) => {
+                let mut depths = self.raws[n as usize];
+                depths.sort_unstable();
+                self.entry(Entry::Constant(depths[8]))
+            }
+            _ => id,
+        }
     }
 
     /// Constants and planes that an entry answers with, the nearest first.
@@ -380,6 +417,11 @@ impl Palette {
             _ => self.parts(id).into_iter().flatten().for_each(|p| self.simple(p, out)),
         }
     }
+}
+
+/// Words that a raw takes.
+pub fn raw_words(depths: &[u32; 16]) -> u32 {
+    2 + Raw::of(depths).heap_words()
 }
 
 /// The plane just behind a surface: the same for all leaves on it. `guard` is kept from the surface.

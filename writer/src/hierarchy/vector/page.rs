@@ -9,7 +9,7 @@ use rustc_hash::{FxHashMap as HashMap, FxHashSet as HashSet};
 use umbrage_format::kind::mh::{Mask, NodeType};
 use umbrage_format::kind::vector::{self, Layout, Mask4, Parts, Split, Square, assemble};
 
-use super::entry::{Entry, EntryId, Line, Palette, Plane, Scale};
+use super::entry::{Entry, EntryId, Line, Mark, Palette, Plane, Scale, raw_words};
 use crate::hierarchy::mh::{CUT, NONE, Span};
 use crate::hierarchy::page::{At, COARSE_DEPTH, Draft, DraftRef, PAGE_WORDS, ROOT_WORDS};
 use crate::hierarchy::spool::Spool;
@@ -17,7 +17,7 @@ use crate::hierarchy::spool::Spool;
 /// What a group costs in a page, 1/16 word: its mask and its share of the ranks.
 pub const GROUP_COST: u32 = 5;
 /// What an index costs, 1/16 word.
-const INDEX_COST: u32 = 5;
+pub const INDEX_COST: u32 = 5;
 /// Entries that splits and masks can refer to, and lines that splits can.
 const MOST_PARTS: u32 = 1024;
 
@@ -85,15 +85,33 @@ impl Forest {
             Entry::Plane(_) => 48,
             Entry::Split { .. } => 16 + 48,
             Entry::Mask { .. } => 32,
+            Entry::Raw(n) => 16 * raw_words(&self.palette.raws[n as usize]),
         };
         own + self.palette.parts(id).into_iter().flatten().map(|p| self.palette_price(p)).sum::<u32>()
+    }
+
+    /// What the groups from number `first` on take in a page that has what was there at the mark, 1/16 word, with the
+    /// entry of the node above them.
+    pub fn takes(&self, node: &Node, first: usize, mark: Mark) -> u32 {
+        let groups = &self.groups[first..];
+        let own =
+            groups.iter().flat_map(|g| (0..4).filter(|c| g.mask.child(*c).has_value()).map(|c| g.entry[c as usize]));
+        let mut entries: Vec<EntryId> = own.collect();
+        let indexes = entries.len() as u32;
+        entries.push(node.entry);
+        entries.sort_unstable();
+        entries.dedup();
+        let words: u32 = entries.into_iter().map(|e| self.palette.price(e, mark)).sum();
+        GROUP_COST * groups.len() as u32 + INDEX_COST * indexes + 16 * words
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> u64 {
         let entry = size_of::<Entry>() * 2 + 16;
         let line = size_of::<Line>() * 2 + 16;
+        let raw = size_of::<[u32; 16]>() * 2 + 8;
         (size_of::<Group>() * self.groups.capacity()
+            + self.palette.raws.len() * raw
             + self.palette.entries.len() * entry
             + self.palette.lines.len() * line) as u64
     }
@@ -252,7 +270,7 @@ struct Sheet<'a> {
     finest: u8,
     nodes: [u64; 3],
     /// Entries by class, in the order of the palette.
-    used: [Vec<EntryId>; 4],
+    used: [Vec<EntryId>; 5],
     lines: Vec<u32>,
     /// Number in the page.
     number: HashMap<EntryId, u32>,
@@ -337,6 +355,7 @@ impl<'a> Sheet<'a> {
                     2
                 }
                 Entry::Mask { .. } => 3,
+                Entry::Raw(_) => 4,
             };
             self.used[class].push(id);
         }
@@ -347,8 +366,8 @@ impl<'a> Sheet<'a> {
 
     /// What the page takes, 1/16 word; very much where a number does not fit its field.
     fn cost(&self) -> u32 {
-        let [constants, planes, splits, masks] = [0, 1, 2, 3].map(|i| self.used[i].len() as u32);
-        let palette = constants + planes + splits + masks;
+        let [constants, planes, splits, masks, raws] = [0, 1, 2, 3, 4].map(|i| self.used[i].len() as u32);
+        let palette = constants + planes + splits + masks + raws;
         let bits = 32 - palette.saturating_sub(1).leading_zeros();
         let words = 7
             + 5 * (self.masks.len() as u32).div_ceil(16)
@@ -359,8 +378,16 @@ impl<'a> Sheet<'a> {
             + constants
             + 3 * planes
             + splits
-            + 2 * masks;
+            + 2 * masks
+            + self.used[4].iter().map(|id| self.raw(*id)).map(raw_words).sum::<u32>();
         if self.fits() { words * 16 } else { (words * 16).max(ROOT_WORDS * 16 + 16) }
+    }
+
+    fn raw(&self, id: EntryId) -> &[u32; 16] {
+        match self.palette.get(id) {
+            Entry::Raw(n) => &self.palette.raws[n as usize],
+            _ => &[0; 16],
+        }
     }
 
     /// Whether the page says of some node that its entry is proven.
@@ -388,6 +415,7 @@ impl<'a> Sheet<'a> {
         let at = |id: EntryId| self.number[&id] as u16;
         let line_at: HashMap<u32, u16> = self.lines.iter().copied().zip(0..).collect();
         let (mut constants, mut planes, mut splits, mut masks) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut raws = Vec::new();
         for &id in self.used.iter().flatten() {
             match self.palette.get(id) {
                 Entry::Constant(v) => constants.push(v),
@@ -396,6 +424,7 @@ impl<'a> Sheet<'a> {
                     splits.push(Split { line: line_at[&line], a: at(near), b: at(beyond) });
                 }
                 Entry::Mask { entries, selectors } => masks.push(Mask4 { entries: entries.map(at), selectors }),
+                Entry::Raw(n) => raws.push(self.palette.raws[n as usize]),
             }
         }
         let lines: Vec<vector::Line> = self.lines.iter().map(|l| line(self.palette.lines[*l as usize])).collect();
@@ -411,7 +440,7 @@ impl<'a> Sheet<'a> {
             planes: &planes,
             splits: &splits,
             masks: &masks,
-            raws: &[],
+            raws: &raws,
         });
         let layout = Layout::of(&words);
         let bounds = |id: EntryId, o: &Own| -> (u32, u32) {

@@ -151,6 +151,10 @@ pub fn answers(palette: &Palette, id: EntryId, intervals: &[Interval; 16], origi
                 None => return false,
             }
         }
+        if let Entry::Raw(raw) = palette.get(id) {
+            let v = palette.raws[raw as usize][(texel[1] % 4 * 4 + texel[0] % 4) as usize];
+            return allows(Entry::Constant(v), intervals[n as usize], origin, n, scale);
+        }
         if let Entry::Mask { entries, selectors } = palette.get(id) {
             id = entries[(selectors >> (2 * (texel[1] % 4 * 4 + texel[0] % 4)) & 3) as usize % 3];
         }
