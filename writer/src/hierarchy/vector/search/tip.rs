@@ -223,29 +223,46 @@ impl Search<'_> {
                 index(ends[0].min(ends[1])) - 1e-4
             };
             let width = ((high - low.max(-least)) / across / t).abs() + 2e-4;
-            let mut row = first;
-            while let Some(next) = next_hit(begins(row), -along / across, width, last - row) {
-                row += next;
-                // a strip may be wider than a column
-                for column in ceil(begins(row))..=-ceil(-begins(row) - width) {
-                    let mut c = [0; 2];
-                    (c[u], c[v]) = (row * texel + texel / 2, column * texel + texel / 2);
-                    let outside = (0..2).any(|i| c[i] < region.p[i] || c[i] > region.p[i] + region.size);
-                    let off = (c[v] as f64) < columns.0 - t || (c[v] as f64) > columns.1 + t;
-                    if !outside && !off && region.lines.iter().all(|l| l.at(c) >= 0) && !own.fits(c).0 {
-                        self.close.push(c);
-                    }
-                    looked += 1;
-                    if self.close.len() > MOST_CLOSE || looked > 4 * MOST_CLOSE {
-                        self.close.clear();
-                        return None;
-                    }
+            let all = strip(first, last, begins, -along / across, width, |row, column| {
+                let mut c = [0; 2];
+                (c[u], c[v]) = (row * texel + texel / 2, column * texel + texel / 2);
+                let outside = (0..2).any(|i| c[i] < region.p[i] || c[i] > region.p[i] + region.size);
+                let off = (c[v] as f64) < columns.0 - t || (c[v] as f64) > columns.1 + t;
+                if !outside && !off && region.lines.iter().all(|l| l.at(c) >= 0) && !own.fits(c).0 {
+                    self.close.push(c);
                 }
-                row += 1;
+                looked += 1;
+                (self.close.len() <= MOST_CLOSE && looked <= 4 * MOST_CLOSE).then_some(())
+            });
+            if all.is_none() {
+                self.close.clear();
+                return None;
             }
         }
         Some(edges)
     }
+}
+
+/// Each integer (row, column) in a strip, by rows from `first` to `last`: it begins where `begins` says in a row, `step` further
+/// from row to row, and ends `width` behind. None as soon as `each` says so.
+fn strip(
+    first: i64,
+    last: i64,
+    begins: impl Fn(i64) -> f64,
+    step: f64,
+    width: f64,
+    mut each: impl FnMut(i64, i64) -> Option<()>,
+) -> Option<()> {
+    let mut row = first;
+    while let Some(next) = next_hit(begins(row), step, width, last - row) {
+        row += next;
+        // a strip may be wider than a column
+        for column in ceil(begins(row))..=-ceil(-begins(row) - width) {
+            each(row, column)?;
+        }
+        row += 1;
+    }
+    Some(())
 }
 
 /// The first row, of those up to `last`, in which an integer lies at most `width` behind where a strip begins: at `begin` in row
@@ -364,6 +381,48 @@ impl TipPlane {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn strips_of_any_width_are_looked_at_whole() {
+        let mut state = 3u64;
+        let mut dice = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        let mut most = [0; 4];
+        for n in 0..2000 {
+            let (begin, step, width) = (dice() * 40.0 - 20.0, dice() * 2.0 - 1.0, dice() * f64::from(n % 4 + 1));
+            let first = (dice() * 9.0) as i64 - 4;
+            let (last, begins) = (first + (dice() * 60.0) as i64 - 2, |row: i64| begin + step * row as f64);
+            let mut found = Vec::new();
+            assert!(strip(first, last, begins, step, width, |r, c| Some(found.push((r, c)))).is_some());
+            let all = (first..=last).flat_map(|r| (-120..120).map(move |c| (r, c)));
+            let behind = |(r, c): &(i64, i64)| *c as f64 - begins(*r);
+            // what rounding may put on either side
+            let inside: Vec<_> = all.filter(|p| behind(p) >= 1e-9 && behind(p) <= width - 1e-9).collect();
+            assert!(inside.iter().all(|p| found.contains(p)), "{begin} {step} {width} {first} {last}");
+            assert!(found.iter().all(|p| behind(p) >= -1e-9 && behind(p) <= width + 1e-9));
+            let in_row = |r: i64| inside.iter().filter(|p| p.0 == r).count();
+            most[n as usize % 4] = (first..=last).map(in_row).max().unwrap_or(0).max(most[n as usize % 4]);
+        }
+        assert_eq!(most, [1, 2, 3, 4]);
+        let mut looked = 0;
+        assert_eq!(
+            strip(
+                0,
+                9,
+                |_| 0.5,
+                0.0,
+                2.0,
+                |_, _| {
+                    looked += 1;
+                    (looked < 5).then_some(())
+                }
+            ),
+            None
+        );
+        assert_eq!(looked, 5);
+    }
 
     #[test]
     fn rows_with_an_integer_in_the_strip_are_found_as_by_looking_at_each() {
