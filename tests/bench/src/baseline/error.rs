@@ -53,6 +53,7 @@ impl Errors {
         if distance(truth) == 0 {
             return;
         }
+        let oracle = oracle.filter(|_| !image.is_whole(x, y));
         let off = distance(oracle.map_or(truth, |o| exact(o, column, row)));
         self.outside += u64::from(off > 0);
         if value.is_some() {
@@ -95,6 +96,7 @@ pub fn wrong(method: &dyn Baseline, image: &Image, oracle: Option<&Oracle>, rece
             let fixed = d <= t.min || d > t.max;
             [u64::from(fixed), u64::from(fixed && lit != (d <= t.min))]
         };
+        let oracle = oracle.filter(|_| !image.is_whole(x as usize, y as usize));
         match (held(image.truth(x as usize, y as usize)), oracle) {
             ([_, 1], Some(oracle)) => held(exact(oracle, x, y)),
             (found, _) => found,

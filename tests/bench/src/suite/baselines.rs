@@ -5,6 +5,7 @@
 //! in x, y and depth; all candidates take turns. Errors: every texel, and the same receivers, held against the intervals.
 //! The intervals lie in memory: sides up to 16,384.
 
+use std::borrow::Cow;
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
@@ -35,8 +36,8 @@ const PICTURE: [u32; 2] = [1280, 720];
 const RANDOM: usize = 1 << 21;
 /// Rounds in which all candidates take turns.
 const ROUNDS: usize = 5;
-/// Lookups of one candidate in a round, at least.
-const LOOKUPS: usize = 1 << 22;
+/// Seconds of one candidate in a round, at least: the clock moves by ticks of up to 4 ms.
+const LEAST: f64 = 0.1;
 /// Receivers that a slow method is asked, in pixel order and at random.
 const SLOW: [usize; 2] = [1 << 16, 512];
 /// Where receivers come from.
@@ -142,28 +143,44 @@ fn measure(
         })
         .collect();
     let lists = [in_views, at_random];
-    let times = [0, 1].map(|case| time(&methods, &lists[case], SLOW[case]));
+    let times = [0, 1].map(|case| time(&methods, &lists[case], case));
     let oracle = Oracle::new(&mesh);
     show(model, light, resolution, paper, &methods, (&image, &oracle), &lists, &times, report);
     Ok(())
 }
 
+/// What a method is asked: all receivers, or [`SLOW`] of them in runs that lie evenly among all.
+fn asked<'a>(method: &dyn Baseline, receivers: &'a [[u32; 3]], case: usize) -> Cow<'a, [[u32; 3]]> {
+    if !method.is_slow() || receivers.len() <= SLOW[case] {
+        return Cow::Borrowed(receivers);
+    }
+    let runs = 16;
+    let begin = |i: usize| i * (receivers.len() / runs);
+    Cow::Owned((0..runs).flat_map(|i| &receivers[begin(i)..begin(i) + SLOW[case] / runs]).copied().collect())
+}
+
 /// Nanoseconds of a lookup of each method, round by round.
-fn time(methods: &[Method], receivers: &[[u32; 3]], slow: usize) -> Vec<Samples> {
-    let part = |m: &Method| &receivers[..if m.0.is_slow() { slow.min(receivers.len()) } else { receivers.len() }];
-    let passes = |m: &Method| if m.0.is_slow() { 1 } else { LOOKUPS.div_ceil(receivers.len().max(1)) };
-    let run = |m: &Method| {
-        for _ in 0..passes(m) {
-            black_box(m.0.count(black_box(part(m))));
-        }
+fn time(methods: &[Method], receivers: &[[u32; 3]], case: usize) -> Vec<Samples> {
+    let parts: Vec<Cow<'_, [[u32; 3]]>> = methods.iter().map(|m| asked(&*m.0, receivers, case)).collect();
+    let once = |i: usize| black_box(methods[i].0.count(black_box(&parts[i][..])));
+    let passes = |i: usize| {
+        let start = Instant::now();
+        once(i);
+        (LEAST / start.elapsed().as_secs_f64().max(1e-6)).ceil() as usize
     };
+    let passes: Vec<usize> = (0..methods.len()).map(passes).collect();
     let mut runs: Vec<Box<dyn FnMut() + '_>> = Vec::new();
-    for m in methods {
-        runs.push(Box::new(move || run(m)));
+    for (i, n) in passes.iter().enumerate() {
+        let once = &once;
+        runs.push(Box::new(move || {
+            for _ in 0..*n {
+                once(i);
+            }
+        }));
     }
     let mut candidates: Vec<&mut dyn FnMut()> = runs.iter_mut().map(|r| &mut **r as &mut dyn FnMut()).collect();
     let samples = Samples::take(ROUNDS, &mut candidates);
-    methods.iter().zip(samples).map(|(m, s)| s.each(part(m).len() * passes(m))).collect()
+    samples.iter().enumerate().map(|(i, s)| s.each(parts[i].len() * passes[i])).collect()
 }
 
 /// Asks for the errors, and makes the table, the rows and the goals.
@@ -207,12 +224,9 @@ fn show(
     let array = methods.iter().position(|m| m.0.name().starts_with("array")).unwrap_or(0);
     let mut exact: Vec<(String, u64, [f64; 2])> = Vec::new();
     for (i, (method, seconds)) in methods.iter().enumerate() {
-        let start = Instant::now();
         let errors = Errors::of(&**method, image, Some(oracle));
-        // One tile of many is unpacked for each random receiver: the few that were timed must do.
-        let few = |case: usize| if method.is_slow() { SLOW[case].min(lists[case].len()) } else { lists[case].len() };
-        let share = [0, 1].map(|case| wrong(&**method, image, Some(oracle), &lists[case][..few(case)]));
-        eprintln!("{}: errors in {:.1} s", method.name(), start.elapsed().as_secs_f64());
+        // Of a slow method, those that were timed must do.
+        let share = [0, 1].map(|case| wrong(&**method, image, Some(oracle), &asked(&**method, &lists[case], case)));
         let ns = [0, 1].map(|case| times[case][i].median());
         let spread = [0, 1].map(|case| times[case][i].spread());
         let ratio = [0, 1].map(|case| ns[case] / times[case][array].median());
