@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use crate::Failure;
 
 /// Colours that are told apart on white, by the colour-blind too.
-const COLORS: [[u8; 3]; 8] = [
+const COLORS: [[u8; 3]; 12] = [
     [0, 92, 175],
     [213, 94, 0],
     [0, 140, 100],
@@ -16,6 +16,10 @@ const COLORS: [[u8; 3]; 8] = [
     [60, 60, 60],
     [70, 160, 220],
     [190, 140, 0],
+    [230, 110, 150],
+    [140, 200, 60],
+    [120, 60, 220],
+    [0, 0, 0],
 ];
 
 /// Points of one method.

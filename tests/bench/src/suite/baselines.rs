@@ -14,6 +14,7 @@ use serde_json::json;
 use umbrage::certify::Oracle;
 use umbrage::format::Kind;
 use umbrage::render::Scene;
+use umbrage::writer::solid::SnappedMesh;
 
 use crate::baseline::Baseline;
 use crate::baseline::depth_dag::DepthDag;
@@ -63,7 +64,10 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
     for name in scenes::names(&args.scenes, &["city:1"]) {
         let model = scenes::load(name, args.policy)?;
         for &resolution in resolutions {
-            measure(&model, args.light.unwrap_or(LIGHTS[0]), resolution, &folder, &mut report)?;
+            let bench = Bench::new(&model, args.light.unwrap_or(LIGHTS[0]), resolution, &folder)?;
+            let lists = bench.receivers()?;
+            let times = [0, 1].map(|case| time(&bench.methods, &lists[case], case));
+            bench.show(&lists, &times, &mut report);
         }
     }
     report.notes.push(
@@ -80,73 +84,171 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
     Ok(report)
 }
 
-/// Everything about one scene at one resolution.
-fn measure(
-    model: &Model,
+/// One scene at one resolution.
+struct Bench<'a> {
+    model: &'a Model,
     light: [f64; 3],
     resolution: u64,
-    folder: &Folder,
-    report: &mut Report,
-) -> Result<(), Failure> {
-    let mut methods: Vec<Method> = Vec::new();
-    let mut geometry = None;
-    let mut paper = 0;
-    let mut guard = 0;
-    for (name, kind) in [("vector", Kind::Vector), ("mmh", Kind::Mmh), ("mh", Kind::Mh)] {
-        let start = Instant::now();
-        let (baked, file) = model.bake_as(kind, light, resolution, folder)?;
-        let seconds = start.elapsed().as_secs_f64();
-        let map = scenes::open(&file)?;
-        methods.push((Box::new(Product::new(name, baked.bytes, map.preload()?)), seconds));
-        let nodes = baked.lights[0].nodes;
-        (paper, guard) = (4 * nodes[0] + 8 * nodes[1] + 4 * nodes[2], map.structure().record().depth_guard.get());
-        geometry = Some(baked.last);
-        remove(&file)?;
-    }
-    let Some(mesh) = geometry else { return Ok(()) };
-    let start = Instant::now();
-    let image = Image::of(&mesh, guard);
-    eprintln!("{} {}: intervals in {:.1} s", model.name, side(resolution), start.elapsed().as_secs_f64());
-    let mut make = |build: &dyn Fn() -> Result<Box<dyn Baseline>, Failure>| -> Result<(), Failure> {
-        let start = Instant::now();
-        let made = build()?;
-        let seconds = start.elapsed().as_secs_f64();
-        eprintln!("{} {}: {} in {seconds:.1} s", model.name, side(resolution), made.name());
-        methods.push((made, seconds));
-        Ok(())
-    };
-    make(&|| Ok(Box::new(Array::new(&image))))?;
-    for level in [3, 19] {
-        make(&|| Ok(Box::new(Tiles::new(&image, level).map_err(Failure::target)?)))?;
-    }
-    make(&|| Ok(Box::new(Scanlines::new(&image, Form::Packed))))?;
-    make(&|| Ok(Box::new(Scanlines::new(&image, Form::Wide))))?;
-    make(&|| Ok(Box::new(PlaneTree::new(&image))))?;
-    make(&|| Ok(Box::new(VoxelDag::new(&image))))?;
-    make(&|| Ok(Box::new(DepthDag::new(&image))))?;
+    /// Bytes of MH as the paper lays it out.
+    paper: u64,
+    mesh: SnappedMesh,
+    image: Image,
+    methods: Vec<Method>,
+}
 
-    let scene = Scene::new(&mesh);
-    let pictures = scenes::views(&scene, &model.cameras()?, PICTURE[0], PICTURE[1]);
-    let receivers = pictures.iter().flat_map(|v| v.receivers.iter().flatten());
-    let in_views: Vec<[u32; 3]> = receivers
-        .map(|r| {
-            let [x, y] = r.texel(&mesh.lattice);
-            [x, y, r.depth.query()]
-        })
-        .collect();
-    drop(pictures);
-    let (mut random, shift) = (Random::new(1, 0), 64 - resolution.trailing_zeros());
-    let at_random: Vec<[u32; 3]> = (0..RANDOM)
-        .map(|_| {
-            let [x, y] = [0, 1].map(|_| (random.bits() >> shift) as u32);
-            [x, y, (random.bits() >> 32) as u32]
-        })
-        .collect();
-    let lists = [in_views, at_random];
-    let times = [0, 1].map(|case| time(&methods, &lists[case], case));
-    let oracle = Oracle::new(&mesh);
-    show(model, light, resolution, paper, &methods, (&image, &oracle), &lists, &times, report);
-    Ok(())
+impl<'a> Bench<'a> {
+    /// Bakes the product's kinds, and makes every other method's data from their intervals.
+    fn new(model: &'a Model, light: [f64; 3], resolution: u64, folder: &Folder) -> Result<Self, Failure> {
+        let mut methods: Vec<Method> = Vec::new();
+        let mut geometry = None;
+        let mut paper = 0;
+        let mut guard = 0;
+        for (name, kind) in [("vector", Kind::Vector), ("mmh", Kind::Mmh), ("mh", Kind::Mh)] {
+            let start = Instant::now();
+            let (baked, file) = model.bake_as(kind, light, resolution, folder)?;
+            let seconds = start.elapsed().as_secs_f64();
+            let map = scenes::open(&file)?;
+            methods.push((Box::new(Product::new(name, baked.bytes, map.preload()?)), seconds));
+            let nodes = baked.lights[0].nodes;
+            (paper, guard) = (4 * nodes[0] + 8 * nodes[1] + 4 * nodes[2], map.structure().record().depth_guard.get());
+            geometry = Some(baked.last);
+            remove(&file)?;
+        }
+        let Some(mesh) = geometry else { unreachable!("three kinds were baked") };
+        let start = Instant::now();
+        let image = Image::of(&mesh, guard);
+        eprintln!("{} {}: intervals in {:.1} s", model.name, side(resolution), start.elapsed().as_secs_f64());
+        let mut make = |build: &dyn Fn() -> Result<Box<dyn Baseline>, Failure>| -> Result<(), Failure> {
+            let start = Instant::now();
+            let made = build()?;
+            let seconds = start.elapsed().as_secs_f64();
+            eprintln!("{} {}: {} in {seconds:.1} s", model.name, side(resolution), made.name());
+            methods.push((made, seconds));
+            Ok(())
+        };
+        make(&|| Ok(Box::new(Array::new(&image))))?;
+        for level in [3, 19] {
+            make(&|| Ok(Box::new(Tiles::new(&image, level).map_err(Failure::target)?)))?;
+        }
+        make(&|| Ok(Box::new(Scanlines::new(&image, Form::Packed))))?;
+        make(&|| Ok(Box::new(Scanlines::new(&image, Form::Wide))))?;
+        make(&|| Ok(Box::new(PlaneTree::new(&image))))?;
+        make(&|| Ok(Box::new(VoxelDag::new(&image))))?;
+        make(&|| Ok(Box::new(DepthDag::new(&image))))?;
+        Ok(Bench { model, light, resolution, paper, mesh, image, methods })
+    }
+
+    /// Receivers (x, y, d) of recorded views, and random ones.
+    fn receivers(&self) -> Result<[Vec<[u32; 3]>; 2], Failure> {
+        let scene = Scene::new(&self.mesh);
+        let pictures = scenes::views(&scene, &self.model.cameras()?, PICTURE[0], PICTURE[1]);
+        let receivers = pictures.iter().flat_map(|v| v.receivers.iter().flatten());
+        let in_views: Vec<[u32; 3]> = receivers
+            .map(|r| {
+                let [x, y] = r.texel(&self.mesh.lattice);
+                [x, y, r.depth.query()]
+            })
+            .collect();
+        drop(pictures);
+        let (mut random, shift) = (Random::new(1, 0), 64 - self.resolution.trailing_zeros());
+        let at_random: Vec<[u32; 3]> = (0..RANDOM)
+            .map(|_| {
+                let [x, y] = [0, 1].map(|_| (random.bits() >> shift) as u32);
+                [x, y, (random.bits() >> 32) as u32]
+            })
+            .collect();
+        Ok([in_views, at_random])
+    }
+
+    /// Asks for the errors, and makes the table, the rows and the goals.
+    fn show(&self, lists: &[Vec<[u32; 3]>; 2], times: &[Vec<Samples>; 2], report: &mut Report) {
+        let oracle = Oracle::new(&self.mesh);
+        let mut table = Table::new(
+            &format!(
+                "{}, {} a side; {} lookups in pixel order, {} at random; MH {}",
+                self.model.name,
+                side(self.resolution),
+                lists[0].len(),
+                lists[1].len(),
+                bytes(self.paper)
+            ),
+            &[
+                "method",
+                "bytes",
+                ": MH",
+                "pixel ns",
+                ": array",
+                "random ns",
+                ": array",
+                "outside %",
+                "largest off",
+                "RMS off",
+                "views wrong %",
+                "random wrong %",
+                "made in s",
+            ],
+        );
+        let array = self.methods.iter().position(|m| m.0.name().starts_with("array")).unwrap_or(0);
+        let mut exact: Vec<(String, u64, [f64; 2])> = Vec::new();
+        for (i, (method, seconds)) in self.methods.iter().enumerate() {
+            let errors = Errors::of(&**method, &self.image, Some(&oracle));
+            // Of a slow method, those that were timed must do.
+            let share =
+                [0, 1].map(|case| wrong(&**method, &self.image, Some(&oracle), &asked(&**method, &lists[case], case)));
+            let ns = [0, 1].map(|case| times[case][i].median());
+            let spread = [0, 1].map(|case| times[case][i].spread());
+            let ratio = [0, 1].map(|case| ns[case] / times[case][array].median());
+            let has_depths = method.value(0, 0).is_some();
+            let off = |v: String| if has_depths { v } else { "-".to_string() };
+            let percent = |v: f64| if v == 0.0 { "0".to_string() } else { format!("{:.4}", v * 100.0) };
+            let size = method.bytes();
+            table.push([
+                method.name(),
+                bytes(size),
+                format!("{:.3}", size as f64 / self.paper as f64),
+                format!("{:.1}", ns[0]),
+                format!("{:.2}", ratio[0]),
+                format!("{:.1}", ns[1]),
+                format!("{:.2}", ratio[1]),
+                percent(errors.share()),
+                off(errors.largest.to_string()),
+                off(format!("{:.1}", errors.rms())),
+                percent(share[0]),
+                percent(share[1]),
+                format!("{seconds:.1}"),
+            ]);
+            report.rows.push(json!({
+            "scene": self.model.name, "light": self.light, "policy": self.model.policy.to_string(), "resolution": self.resolution,
+            "method": method.name(), "citation": method.citation(), "bytes": size, "paper_bytes": self.paper,
+            "ratio": size as f64 / self.paper as f64,
+            "pixel_ns": ns[0], "pixel_ns_min": spread[0][0], "pixel_ns_max": spread[0][1], "pixel_ratio": ratio[0],
+            "random_ns": ns[1], "random_ns_min": spread[1][0], "random_ns_max": spread[1][1],
+            "random_ratio": ratio[1],
+            "outside": errors.share(), "outside_texels": errors.outside,
+            "largest_off": has_depths.then_some(errors.largest), "rms_off": has_depths.then(|| errors.rms()),
+            "views_wrong": share[0], "random_wrong": share[1], "seconds": seconds,
+        }));
+            if errors.outside == 0 {
+                exact.push((method.name(), size, ns));
+            }
+        }
+        report.tables.push(table);
+        let place = format!("{} {}", self.model.name, side(self.resolution));
+        let mut goal =
+            |what: &str, found: Option<&(String, u64, [f64; 2])>, figure: &dyn Fn(u64, [f64; 2]) -> String| {
+                let Some((name, size, ns)) = found else { return };
+                let found = format!("{name}, {}", figure(*size, *ns));
+                report.goal(name == "vector", format!("{place}: vector {what} of the methods without errors"), found);
+            };
+        let fastest = |case: usize| {
+            exact.iter().filter(|e| !e.0.starts_with("array")).min_by(|a, b| a.2[case].total_cmp(&b.2[case]))
+        };
+        goal("is the smallest", exact.iter().min_by_key(|e| e.1), &|size, _| bytes(size));
+        for case in [0, 1] {
+            let what = format!("is the fastest, but for the array, in {}", CASES[case]);
+            goal(&what, fastest(case), &|_, ns| format!("{:.1} ns", ns[case]));
+        }
+    }
 }
 
 /// What a method is asked: all receivers, or [`SLOW`] of them in runs that lie evenly among all.
@@ -181,103 +283,6 @@ fn time(methods: &[Method], receivers: &[[u32; 3]], case: usize) -> Vec<Samples>
     let mut candidates: Vec<&mut dyn FnMut()> = runs.iter_mut().map(|r| &mut **r as &mut dyn FnMut()).collect();
     let samples = Samples::take(ROUNDS, &mut candidates);
     samples.iter().enumerate().map(|(i, s)| s.each(parts[i].len() * passes[i])).collect()
-}
-
-/// Asks for the errors, and makes the table, the rows and the goals.
-#[expect(clippy::too_many_arguments, reason = "all that was found about one map")]
-fn show(
-    model: &Model,
-    light: [f64; 3],
-    resolution: u64,
-    paper: u64,
-    methods: &[Method],
-    (image, oracle): (&Image, &Oracle),
-    lists: &[Vec<[u32; 3]>; 2],
-    times: &[Vec<Samples>; 2],
-    report: &mut Report,
-) {
-    let mut table = Table::new(
-        &format!(
-            "{}, {} a side; {} lookups in pixel order, {} at random; MH {}",
-            model.name,
-            side(resolution),
-            lists[0].len(),
-            lists[1].len(),
-            bytes(paper)
-        ),
-        &[
-            "method",
-            "bytes",
-            ": MH",
-            "pixel ns",
-            ": array",
-            "random ns",
-            ": array",
-            "outside %",
-            "largest off",
-            "RMS off",
-            "views wrong %",
-            "random wrong %",
-            "made in s",
-        ],
-    );
-    let array = methods.iter().position(|m| m.0.name().starts_with("array")).unwrap_or(0);
-    let mut exact: Vec<(String, u64, [f64; 2])> = Vec::new();
-    for (i, (method, seconds)) in methods.iter().enumerate() {
-        let errors = Errors::of(&**method, image, Some(oracle));
-        // Of a slow method, those that were timed must do.
-        let share = [0, 1].map(|case| wrong(&**method, image, Some(oracle), &asked(&**method, &lists[case], case)));
-        let ns = [0, 1].map(|case| times[case][i].median());
-        let spread = [0, 1].map(|case| times[case][i].spread());
-        let ratio = [0, 1].map(|case| ns[case] / times[case][array].median());
-        let has_depths = method.value(0, 0).is_some();
-        let off = |v: String| if has_depths { v } else { "-".to_string() };
-        let percent = |v: f64| if v == 0.0 { "0".to_string() } else { format!("{:.4}", v * 100.0) };
-        let size = method.bytes();
-        table.push([
-            method.name(),
-            bytes(size),
-            format!("{:.3}", size as f64 / paper as f64),
-            format!("{:.1}", ns[0]),
-            format!("{:.2}", ratio[0]),
-            format!("{:.1}", ns[1]),
-            format!("{:.2}", ratio[1]),
-            percent(errors.share()),
-            off(errors.largest.to_string()),
-            off(format!("{:.1}", errors.rms())),
-            percent(share[0]),
-            percent(share[1]),
-            format!("{seconds:.1}"),
-        ]);
-        report.rows.push(json!({
-            "scene": model.name, "light": light, "policy": model.policy.to_string(), "resolution": resolution,
-            "method": method.name(), "citation": method.citation(), "bytes": size, "paper_bytes": paper,
-            "ratio": size as f64 / paper as f64,
-            "pixel_ns": ns[0], "pixel_ns_min": spread[0][0], "pixel_ns_max": spread[0][1], "pixel_ratio": ratio[0],
-            "random_ns": ns[1], "random_ns_min": spread[1][0], "random_ns_max": spread[1][1],
-            "random_ratio": ratio[1],
-            "outside": errors.share(), "outside_texels": errors.outside,
-            "largest_off": has_depths.then_some(errors.largest), "rms_off": has_depths.then(|| errors.rms()),
-            "views_wrong": share[0], "random_wrong": share[1], "seconds": seconds,
-        }));
-        if errors.outside == 0 {
-            exact.push((method.name(), size, ns));
-        }
-    }
-    report.tables.push(table);
-    let place = format!("{} {}", model.name, side(resolution));
-    let mut goal = |what: &str, found: Option<&(String, u64, [f64; 2])>, figure: &dyn Fn(u64, [f64; 2]) -> String| {
-        let Some((name, size, ns)) = found else { return };
-        let found = format!("{name}, {}", figure(*size, *ns));
-        report.goal(name == "vector", format!("{place}: vector {what} of the methods without errors"), found);
-    };
-    let fastest =
-        |case: usize| exact.iter().filter(|e| !e.0.starts_with("array")).min_by(|a, b| a.2[case].total_cmp(&b.2[case]));
-    goal("is the smallest", exact.iter().min_by_key(|e| e.1), &|size, _| bytes(size));
-    for case in [0, 1] {
-        let what = format!("is the fastest, but for the array, in {}", CASES[case]);
-        goal(&what, fastest(case), &|_, ns| format!("{:.1} ns", ns[case]));
-    }
 }
 
 /// Bytes by resolution of each scene; time and bytes against error, and time against bytes, of each map.
@@ -338,4 +343,34 @@ fn plots(report: &mut Report) {
 
 fn remove(file: &Path) -> Result<(), Failure> {
     std::fs::remove_file(file).map_err(|e| Failure::target(format!("{}: {e}", file.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// On the lattice and the intervals of real files: who loses nothing does so, the others are known to lose.
+    #[test]
+    fn every_method_errs_as_it_says() {
+        let model = scenes::load("city:3:0.05", None).expect("a scene");
+        let folder = Folder::new().expect("a folder");
+        let bench = Bench::new(&model, LIGHTS[0], 256, &folder).expect("a bench");
+        let oracle = Oracle::new(&bench.mesh);
+        let errors: Vec<(String, u64)> = bench
+            .methods
+            .iter()
+            .map(|m| (m.0.name(), Errors::of(&*m.0, &bench.image, Some(&oracle)).outside))
+            .collect();
+        assert_eq!(errors.len(), 11);
+        for (name, outside) in &errors {
+            let loses = name.starts_with("plane tree") || name.starts_with("voxel DAG");
+            assert_eq!(*outside > 0, loses, "{errors:?}");
+        }
+        let lists = bench.receivers().expect("receivers");
+        for (m, _) in &bench.methods {
+            let some = &lists[1][..200];
+            let lit = some.iter().filter(|[x, y, d]| m.lit(*x, *y, *d)).count();
+            assert_eq!(m.count(some), lit, "{}", m.name());
+        }
+    }
 }
