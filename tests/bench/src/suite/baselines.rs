@@ -76,8 +76,8 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
             .to_string(),
     );
     report.notes.push(
-        "bytes of vector, mmh, mh: whole files with all levels; MH is the paper's layout (4 bytes a leaf, 4 an empty node, 8 \
-         an inner one); no baseline but mmh and depth DAG answers coarser levels"
+        "bytes of vector, mmh, mh: whole files, which answer all levels; MH is the paper's layout (4 bytes a leaf, 4 an \
+         empty node, 8 an inner one); of the others only the depth DAG holds coarser levels, and none is asked for them"
             .to_string(),
     );
     plots(&mut report);
