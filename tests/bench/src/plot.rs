@@ -137,7 +137,8 @@ impl Plot {
                 .collect();
             let hull = lower_hull(&log).into_iter().map(|p| (p[0].exp(), p[1].exp()));
             let style = ShapeStyle { color: BLACK.mix(0.35), filled: false, stroke_width: 4 };
-            chart.draw_series(LineSeries::new(hull, style))?;
+            // Rings: a hull may be a single point.
+            chart.draw_series(LineSeries::new(hull, style).point_size(8))?;
             right.draw(&PathElement::new(vec![(4, 40), (20, 40)], style))?;
             right.draw(&Text::new("lower hull", (28, 34), ("sans-serif", 13)))?;
         }
