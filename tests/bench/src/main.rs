@@ -8,6 +8,7 @@
 //! | `report` | tables, goals, JSON with machine, commit and command |
 //! | `plot` | SVG pictures, the hull of time against error |
 //! | `scenes` | meshes, lights, recorded cameras, baked files in a folder that goes away |
+//! | `baseline` | other people's methods, from the same intervals |
 //! | `depth_map` | the baseline: a plain shadow map of texel-centre depths |
 //! | `timing` | interleaved repetitions, medians, spread |
 //! | `random` | seeded numbers |
@@ -18,6 +19,7 @@
 #[allow(dead_code, reason = "of the test suite, which uses the rest")]
 #[path = "../../suite/stability/attack/mod.rs"]
 mod attack;
+mod baseline;
 mod depth_map;
 mod machine;
 mod plot;
@@ -83,6 +85,8 @@ fn direction(text: &str) -> Result<[f64; 3], String> {
 enum Suite {
     /// Bytes of whole files against uncompressed and zstd-compressed depth maps
     Size,
+    /// Bytes, lookup time and error of other people's methods, and of the product's kinds on the same intervals
+    Baselines,
     /// Kind mmh against mh: bytes, seconds, pairs of subtrees, search distances
     Merge,
     /// Seconds, texels evaluated and peak memory of bakes; proofs against the exhaustive builder
@@ -145,6 +149,7 @@ impl From<umbrage::writer::bake::BakeError> for Failure {
 fn run(args: &Args) -> Result<(), Failure> {
     let report = match args.suite {
         Suite::Size => suite::size::run(args)?,
+        Suite::Baselines => suite::baselines::run(args)?,
         Suite::Merge => suite::merge::run(args)?,
         Suite::Bake => suite::bake::run(args)?,
         Suite::Query => suite::query::run(args)?,

@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use crate::Failure;
 
 /// Colours that are told apart on white, by the colour-blind too.
-const COLORS: [[u8; 3]; 8] = [
+const COLORS: [[u8; 3]; 12] = [
     [0, 92, 175],
     [213, 94, 0],
     [0, 140, 100],
@@ -16,6 +16,10 @@ const COLORS: [[u8; 3]; 8] = [
     [60, 60, 60],
     [70, 160, 220],
     [190, 140, 0],
+    [230, 110, 150],
+    [140, 200, 60],
+    [120, 60, 220],
+    [0, 0, 0],
 ];
 
 /// Points of one method.
@@ -133,7 +137,8 @@ impl Plot {
                 .collect();
             let hull = lower_hull(&log).into_iter().map(|p| (p[0].exp(), p[1].exp()));
             let style = ShapeStyle { color: BLACK.mix(0.35), filled: false, stroke_width: 4 };
-            chart.draw_series(LineSeries::new(hull, style))?;
+            // Rings: a hull may be a single point.
+            chart.draw_series(LineSeries::new(hull, style).point_size(8))?;
             right.draw(&PathElement::new(vec![(4, 40), (20, 40)], style))?;
             right.draw(&Text::new("lower hull", (28, 34), ("sans-serif", 13)))?;
         }

@@ -2,6 +2,7 @@
 
 pub mod accuracy;
 pub mod bake;
+pub mod baselines;
 pub mod check;
 pub mod levels;
 pub mod merge;
