@@ -44,7 +44,7 @@ pub struct Args {
     /// One JSON object on stdout; the tables go to stderr
     #[arg(long)]
     json: bool,
-    /// Folder for SVG plots
+    /// Folder for SVG plots and the tables as Markdown
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// As far as the plan asks; takes long and much memory
@@ -87,6 +87,8 @@ enum Suite {
     Size,
     /// Bytes, lookup time and error of other people's methods, and of the product's kinds on the same intervals
     Baselines,
+    /// The same for three scenes, and how the product's kinds stand; `--full` goes to the largest sides
+    Report,
     /// Kind mmh against mh: bytes, seconds, pairs of subtrees, search distances
     Merge,
     /// Seconds, texels evaluated and peak memory of bakes; proofs against the exhaustive builder
@@ -150,6 +152,7 @@ fn run(args: &Args) -> Result<(), Failure> {
     let report = match args.suite {
         Suite::Size => suite::size::run(args)?,
         Suite::Baselines => suite::baselines::run(args)?,
+        Suite::Report => suite::report::run(args)?,
         Suite::Merge => suite::merge::run(args)?,
         Suite::Bake => suite::bake::run(args)?,
         Suite::Query => suite::query::run(args)?,

@@ -25,6 +25,17 @@ impl Table {
         self.rows.push(cells.into());
     }
 
+    fn markdown(&self) -> String {
+        let mut text = String::new();
+        for (i, row) in self.rows.iter().enumerate() {
+            text += &format!("| {} |\n", row.join(" | "));
+            if i == 0 {
+                text += &format!("|---|{}\n", "---:|".repeat(row.len().saturating_sub(1)));
+            }
+        }
+        text
+    }
+
     fn lines(&self) -> Vec<String> {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
         let width = |c: usize| self.rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0);
@@ -114,9 +125,38 @@ impl Report {
         println!("{object}");
     }
 
-    /// Writes the plots into a folder.
+    /// Tables, goals and notes as Markdown, with the machine, the commit and the command.
+    fn markdown(&self) -> String {
+        let machine = machine::machine();
+        let mut text = format!(
+            "# Suite `{}`\n\n    {}\n\n{} cores of {}, commit {}.\n",
+            self.suite,
+            command(std::env::args()),
+            machine["cores"],
+            machine["cpu"].as_str().unwrap_or("?"),
+            machine::commit(),
+        );
+        for table in &self.tables {
+            text += &format!("\n{}\n\n{}", table.title, table.markdown());
+        }
+        let list = |title: &str, lines: Vec<String>| match lines.is_empty() {
+            true => String::new(),
+            false => format!("\n## {title}\n\n- {}\n", lines.join("\n- ")),
+        };
+        let goals = |met: bool| {
+            let some = self.goals.iter().filter(|g| g.met == met);
+            some.map(|g| format!("{}: {}", g.what, g.found)).collect()
+        };
+        text + &list("Goals missed", goals(false))
+            + &list("Goals met", goals(true))
+            + &list("Notes", self.notes.clone())
+    }
+
+    /// Writes the plots, and the tables as Markdown, into a folder.
     pub fn draw(&self, folder: &Path) -> Result<(), Failure> {
-        std::fs::create_dir_all(folder).map_err(|e| Failure::target(format!("{}: {e}", folder.display())))?;
+        let failed = |e| Failure::target(format!("{}: {e}", folder.display()));
+        std::fs::create_dir_all(folder).map_err(failed)?;
+        std::fs::write(folder.join(format!("{}.md", self.suite)), self.markdown()).map_err(failed)?;
         for (name, plot) in &self.plots {
             let path = folder.join(format!("{}-{name}.svg", self.suite));
             plot.write(&path)?;
@@ -124,6 +164,13 @@ impl Report {
         }
         Ok(())
     }
+}
+
+/// The command as one types it: arguments of the program behind the alias.
+fn command(arguments: impl Iterator<Item = String>) -> String {
+    let quoted = |a: String| if a.contains(char::is_whitespace) { format!("'{a}'") } else { a };
+    let all: Vec<String> = arguments.skip(1).map(quoted).collect();
+    format!("cargo bench-umbrage {}", all.join(" "))
 }
 
 /// 12345678 -> 12.3 MB
@@ -141,4 +188,24 @@ pub fn bytes(n: u64) -> String {
 /// 16384 -> 16K
 pub fn side(n: u64) -> String {
     if n >= 1024 && n.is_multiple_of(1024) { format!("{}K", n / 1024) } else { n.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reports_are_markdown() {
+        let mut report = Report::new("sizes");
+        let mut table = Table::new("city:1", &["method", "bytes"]);
+        table.push(["vector".to_string(), bytes(1234)]);
+        report.tables.push(table);
+        report.goal(false, "smallest", "mh, 3 B");
+        let text = report.markdown();
+        assert!(text.starts_with("# Suite `sizes`\n\n    cargo bench-umbrage"), "{text}");
+        assert!(text.contains("\ncity:1\n\n| method | bytes |\n|---|---:|\n| vector | 1.2 kB |\n"), "{text}");
+        assert!(text.contains("## Goals missed\n\n- smallest: mh, 3 B\n") && !text.contains("Goals met"), "{text}");
+        let words = ["x", "size", "--scene", "a b"].map(str::to_string);
+        assert_eq!(command(words.into_iter()), "cargo bench-umbrage size --scene 'a b'");
+    }
 }

@@ -38,25 +38,31 @@ impl Errors {
         tiles.par_iter().map(one).reduce(Errors::default, Errors::plus)
     }
 
+    /// Asks some texels, whose truth the oracle says.
+    pub fn at(method: &dyn Baseline, oracle: &Oracle, places: &[[u32; 2]]) -> Errors {
+        let one = |&[x, y]: &[u32; 2]| {
+            let mut e = Errors { texels: 1, ..Errors::default() };
+            e.count(method.value(x, y).is_some(), distance(method, [x, y], exact(oracle, x, y)));
+            e
+        };
+        places.par_iter().with_min_len(64).map(one).reduce(Errors::default, Errors::plus)
+    }
+
     fn add(&mut self, method: &dyn Baseline, image: &Image, oracle: Option<&Oracle>, [x, y]: [usize; 2]) {
         let [column, row] = [x, y].map(|v| v as u32);
-        let value = method.value(column, row);
-        let distance = |t: Interval| match value {
-            Some(v) => u64::from(t.min.saturating_sub(v).max(v.saturating_sub(t.max))),
-            None => {
-                let dark = t.max.checked_add(1).is_none_or(|d| !method.lit(column, row, d));
-                u64::from(!(dark && method.lit(column, row, t.min)))
-            }
-        };
         self.texels += 1;
         let truth = image.truth(x, y);
-        if distance(truth) == 0 {
+        if distance(method, [column, row], truth) == 0 {
             return;
         }
         let oracle = oracle.filter(|_| !image.is_whole(x, y));
-        let off = distance(oracle.map_or(truth, |o| exact(o, column, row)));
+        let off = distance(method, [column, row], oracle.map_or(truth, |o| exact(o, column, row)));
+        self.count(method.value(column, row).is_some(), off);
+    }
+
+    fn count(&mut self, has_depths: bool, off: u64) {
         self.outside += u64::from(off > 0);
-        if value.is_some() {
+        if has_depths {
             self.largest = self.largest.max(off);
             self.squares += (off as f64).powi(2);
         }
@@ -82,6 +88,17 @@ impl Errors {
     }
 }
 
+/// How far a texel's depth lies outside an interval; of a method without depths whether its answers do.
+fn distance(method: &dyn Baseline, [x, y]: [u32; 2], t: Interval) -> u64 {
+    match method.value(x, y) {
+        Some(v) => u64::from(t.min.saturating_sub(v).max(v.saturating_sub(t.max))),
+        None => {
+            let dark = t.max.checked_add(1).is_none_or(|d| !method.lit(x, y, d));
+            u64::from(!(dark && method.lit(x, y, t.min)))
+        }
+    }
+}
+
 fn exact(oracle: &Oracle, x: u32, y: u32) -> Interval {
     let truth = oracle.texel(x, y).interval;
     Interval { min: truth.min, max: truth.max }
@@ -91,19 +108,30 @@ fn exact(oracle: &Oracle, x: u32, y: u32) -> Interval {
 pub fn wrong(method: &dyn Baseline, image: &Image, oracle: Option<&Oracle>, receivers: &[[u32; 3]]) -> f64 {
     let one = |&[x, y, d]: &[u32; 3]| {
         let lit = method.lit(x, y, d);
-        // Whether the answer is fixed, and whether it is wrong.
-        let held = |t: Interval| {
-            let fixed = d <= t.min || d > t.max;
-            [u64::from(fixed), u64::from(fixed && lit != (d <= t.min))]
-        };
+        let held = |t: Interval| held(t, d, lit);
         let oracle = oracle.filter(|_| !image.is_whole(x as usize, y as usize));
         match (held(image.truth(x as usize, y as usize)), oracle) {
             ([_, 1], Some(oracle)) => held(exact(oracle, x, y)),
             (found, _) => found,
         }
     };
+    share(receivers, one)
+}
+
+/// The same without an image: the oracle says the truth of every receiver.
+pub fn wrong_at(method: &dyn Baseline, oracle: &Oracle, receivers: &[[u32; 3]]) -> f64 {
+    share(receivers, |&[x, y, d]| held(exact(oracle, x, y), d, method.lit(x, y, d)))
+}
+
+/// Whether the answer at depth `d` is fixed, and whether it is wrong.
+fn held(t: Interval, d: u32, lit: bool) -> [u64; 2] {
+    let fixed = d <= t.min || d > t.max;
+    [u64::from(fixed), u64::from(fixed && lit != (d <= t.min))]
+}
+
+fn share(receivers: &[[u32; 3]], one: impl Fn(&[u32; 3]) -> [u64; 2] + Sync) -> f64 {
     let [asked, wrong] =
-        receivers.par_chunks(4096).map(|part| part.iter().map(one).fold([0, 0], sum)).reduce(|| [0, 0], sum);
+        receivers.par_chunks(1024).map(|part| part.iter().map(&one).fold([0, 0], sum)).reduce(|| [0, 0], sum);
     wrong as f64 / asked.max(1) as f64
 }
 

@@ -3,7 +3,8 @@
 //!
 //! Lookups answer whether a receiver is lit. Receivers are those of recorded views, in pixel order, and uniform at random
 //! in x, y and depth; all candidates take turns. Errors: every texel, and the same receivers, held against the intervals.
-//! The intervals lie in memory: sides up to 16,384.
+//! The intervals lie in memory: sides up to 16,384. On larger maps only the product's kinds are there, and errors are those
+//! of a sample.
 
 use std::borrow::Cow;
 use std::hint::black_box;
@@ -18,7 +19,7 @@ use umbrage::writer::solid::SnappedMesh;
 
 use crate::baseline::Baseline;
 use crate::baseline::depth_dag::DepthDag;
-use crate::baseline::error::{Errors, wrong};
+use crate::baseline::error::{Errors, wrong, wrong_at};
 use crate::baseline::image::Image;
 use crate::baseline::plain::{Array, Product, Tiles};
 use crate::baseline::plane_tree::PlaneTree;
@@ -44,7 +45,11 @@ const SLOW: [usize; 2] = [1 << 16, 512];
 /// Where receivers come from.
 const CASES: [&str; 2] = ["pixel order", "random"];
 /// Largest side whose intervals fit the memory that such a run may take.
-const MOST: u64 = 16384;
+pub const MOST: u64 = 16384;
+/// Largest side of the product's kinds that follow the texels, and of all.
+const LARGE: [u64; 2] = [1 << 16, 1 << 20];
+/// Texels and receivers of each list that are held against the oracle where there are no intervals.
+const SAMPLE: usize = 20_000;
 
 /// A method, and the seconds that its data took to make from the intervals (the product's: from the mesh).
 type Method = (Box<dyn Baseline>, f64);
@@ -57,19 +62,34 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
     let mut report = Report::new("baselines");
     let own: &[u64] = if args.full { &[1024, 4096, 16384] } else { &[1024, 4096] };
     let resolutions = if args.resolutions.is_empty() { own } else { &args.resolutions };
-    if let Some(r) = resolutions.iter().find(|r| **r > MOST || **r < 8) {
-        return Err(Failure { code: 2, message: format!("{r} texels a side: 8 to {MOST} fit in memory") });
+    for name in scenes::names(&args.scenes, &["city:1"]) {
+        measure(name, resolutions, args, &mut report)?;
+    }
+    close(&mut report);
+    Ok(report)
+}
+
+/// Measures all methods on one scene.
+///
+/// # Errors
+/// As [`run`].
+pub fn measure(name: &str, resolutions: &[u64], args: &Args, report: &mut Report) -> Result<(), Failure> {
+    if let Some(r) = resolutions.iter().find(|r| **r > LARGE[1] || **r < 8) {
+        return Err(Failure { code: 2, message: format!("{r} texels a side: expected 8 to {}", LARGE[1]) });
     }
     let folder = Folder::new()?;
-    for name in scenes::names(&args.scenes, &["city:1"]) {
-        let model = scenes::load(name, args.policy)?;
-        for &resolution in resolutions {
-            let bench = Bench::new(&model, args.light.unwrap_or(LIGHTS[0]), resolution, &folder)?;
-            let lists = bench.receivers()?;
-            let times = [0, 1].map(|case| time(&bench.methods, &lists[case], case));
-            bench.show(&lists, &times, &mut report);
-        }
+    let model = scenes::load(name, args.policy)?;
+    for &resolution in resolutions {
+        let bench = Bench::new(&model, args.light.unwrap_or(LIGHTS[0]), resolution, &folder)?;
+        let lists = bench.receivers()?;
+        let times = [0, 1].map(|case| time(&bench.methods, &lists[case], case));
+        bench.show(&lists, &times, report);
     }
+    Ok(())
+}
+
+/// Notes and plots of what was measured.
+pub fn close(report: &mut Report) {
     report.notes.push(
         "outside: texels where the deepest receiver that must be lit is dark, or the first that must be dark is lit; off: \
          distance of a stored depth to its interval, lattice steps, RMS over all texels"
@@ -80,8 +100,7 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
          empty node, 8 an inner one); of the others only the depth DAG holds coarser levels, and none is asked for them"
             .to_string(),
     );
-    plots(&mut report);
-    Ok(report)
+    plots(report);
 }
 
 /// One scene at one resolution.
@@ -89,10 +108,11 @@ struct Bench<'a> {
     model: &'a Model,
     light: [f64; 3],
     resolution: u64,
-    /// Bytes of MH as the paper lays it out.
-    paper: u64,
+    /// Bytes of MH as the paper lays it out; none where it was not baked.
+    paper: Option<u64>,
     mesh: SnappedMesh,
-    image: Image,
+    /// None of a map too large.
+    image: Option<Image>,
     methods: Vec<Method>,
 }
 
@@ -101,20 +121,28 @@ impl<'a> Bench<'a> {
     fn new(model: &'a Model, light: [f64; 3], resolution: u64, folder: &Folder) -> Result<Self, Failure> {
         let mut methods: Vec<Method> = Vec::new();
         let mut geometry = None;
-        let mut paper = 0;
+        let mut paper = None;
         let mut guard = 0;
-        for (name, kind) in [("vector", Kind::Vector), ("mmh", Kind::Mmh), ("mh", Kind::Mh)] {
+        let kinds = [("vector", Kind::Vector), ("mmh", Kind::Mmh), ("mh", Kind::Mh)];
+        // `mh` is there for the paper's bytes, too
+        for (name, kind) in kinds.into_iter().filter(|k| k.1 == Kind::Vector || resolution <= LARGE[0]) {
             let start = Instant::now();
             let (baked, file) = model.bake_as(kind, light, resolution, folder)?;
             let seconds = start.elapsed().as_secs_f64();
             let map = scenes::open(&file)?;
             methods.push((Box::new(Product::new(name, baked.bytes, map.preload()?)), seconds));
-            let nodes = baked.lights[0].nodes;
-            (paper, guard) = (4 * nodes[0] + 8 * nodes[1] + 4 * nodes[2], map.structure().record().depth_guard.get());
+            guard = map.structure().record().depth_guard.get();
+            if kind == Kind::Mh {
+                let nodes = baked.lights[0].nodes;
+                paper = Some(4 * nodes[0] + 8 * nodes[1] + 4 * nodes[2]);
+            }
             geometry = Some(baked.last);
             remove(&file)?;
         }
         let Some(mesh) = geometry else { unreachable!("three kinds were baked") };
+        if resolution > MOST {
+            return Ok(Bench { model, light, resolution, paper, mesh, image: None, methods });
+        }
         let start = Instant::now();
         let image = Image::of(&mesh, guard);
         eprintln!("{} {}: intervals in {:.1} s", model.name, side(resolution), start.elapsed().as_secs_f64());
@@ -135,7 +163,7 @@ impl<'a> Bench<'a> {
         make(&|| Ok(Box::new(PlaneTree::new(&image))))?;
         make(&|| Ok(Box::new(VoxelDag::new(&image))))?;
         make(&|| Ok(Box::new(DepthDag::new(&image))))?;
-        Ok(Bench { model, light, resolution, paper, mesh, image, methods })
+        Ok(Bench { model, light, resolution, paper, mesh, image: Some(image), methods })
     }
 
     /// Receivers (x, y, d) of recorded views, and random ones.
@@ -170,7 +198,7 @@ impl<'a> Bench<'a> {
                 side(self.resolution),
                 lists[0].len(),
                 lists[1].len(),
-                bytes(self.paper)
+                self.paper.map_or("-".to_string(), bytes)
             ),
             &[
                 "method",
@@ -188,16 +216,30 @@ impl<'a> Bench<'a> {
                 "made in s",
             ],
         );
-        let array = self.methods.iter().position(|m| m.0.name().starts_with("array")).unwrap_or(0);
+        let array = self.methods.iter().position(|m| m.0.name().starts_with("array"));
+        let places: Vec<[u32; 2]> = lists[1].iter().take(SAMPLE).map(|[x, y, _]| [*x, *y]).collect();
         let mut exact: Vec<(String, u64, [f64; 2])> = Vec::new();
         for (i, (method, seconds)) in self.methods.iter().enumerate() {
-            let errors = Errors::of(&**method, &self.image, Some(&oracle));
-            // Of a slow method, those that were timed must do.
-            let share =
-                [0, 1].map(|case| wrong(&**method, &self.image, Some(&oracle), &asked(&**method, &lists[case], case)));
+            let (errors, share) = match &self.image {
+                Some(image) => {
+                    // Of a slow method, those that were timed must do.
+                    let asked = |case: usize| asked(&**method, &lists[case], case);
+                    let share = [0, 1].map(|case| wrong(&**method, image, Some(&oracle), &asked(case)));
+                    (Errors::of(&**method, image, Some(&oracle)), share)
+                }
+                None => {
+                    let step = |case: usize| lists[case].len().div_ceil(SAMPLE).max(1);
+                    let some = |case: usize| lists[case].iter().step_by(step(case)).copied().collect::<Vec<_>>();
+                    (
+                        Errors::at(&**method, &oracle, &places),
+                        [0, 1].map(|case| wrong_at(&**method, &oracle, &some(case))),
+                    )
+                }
+            };
             let ns = [0, 1].map(|case| times[case][i].median());
             let spread = [0, 1].map(|case| times[case][i].spread());
-            let ratio = [0, 1].map(|case| ns[case] / times[case][array].median());
+            let ratio = [0, 1].map(|case| array.map(|array| ns[case] / times[case][array].median()));
+            let ratios = ratio.map(|r| r.map_or("-".to_string(), |r| format!("{r:.2}")));
             let has_depths = method.value(0, 0).is_some();
             let off = |v: String| if has_depths { v } else { "-".to_string() };
             let percent = |v: f64| if v == 0.0 { "0".to_string() } else { format!("{:.4}", v * 100.0) };
@@ -205,11 +247,11 @@ impl<'a> Bench<'a> {
             table.push([
                 method.name(),
                 bytes(size),
-                format!("{:.3}", size as f64 / self.paper as f64),
+                self.paper.map_or("-".to_string(), |p| format!("{:.3}", size as f64 / p as f64)),
                 format!("{:.1}", ns[0]),
-                format!("{:.2}", ratio[0]),
+                ratios[0].clone(),
                 format!("{:.1}", ns[1]),
-                format!("{:.2}", ratio[1]),
+                ratios[1].clone(),
                 percent(errors.share()),
                 off(errors.largest.to_string()),
                 off(format!("{:.1}", errors.rms())),
@@ -220,7 +262,7 @@ impl<'a> Bench<'a> {
             report.rows.push(json!({
             "scene": self.model.name, "light": self.light, "policy": self.model.policy.to_string(), "resolution": self.resolution,
             "method": method.name(), "citation": method.citation(), "bytes": size, "paper_bytes": self.paper,
-            "ratio": size as f64 / self.paper as f64,
+            "ratio": self.paper.map(|p| size as f64 / p as f64), "texels_asked": errors.texels,
             "pixel_ns": ns[0], "pixel_ns_min": spread[0][0], "pixel_ns_max": spread[0][1], "pixel_ratio": ratio[0],
             "random_ns": ns[1], "random_ns_min": spread[1][0], "random_ns_max": spread[1][1],
             "random_ratio": ratio[1],
@@ -356,18 +398,25 @@ mod tests {
         let folder = Folder::new().expect("a folder");
         let bench = Bench::new(&model, LIGHTS[0], 256, &folder).expect("a bench");
         let oracle = Oracle::new(&bench.mesh);
-        let errors: Vec<(String, u64)> = bench
-            .methods
-            .iter()
-            .map(|m| (m.0.name(), Errors::of(&*m.0, &bench.image, Some(&oracle)).outside))
-            .collect();
+        let image = bench.image.as_ref().expect("a small map");
+        let errors: Vec<(String, u64)> =
+            bench.methods.iter().map(|m| (m.0.name(), Errors::of(&*m.0, image, Some(&oracle)).outside)).collect();
         assert_eq!(errors.len(), 11);
         for (name, outside) in &errors {
             let loses = name.starts_with("plane tree") || name.starts_with("voxel DAG");
             assert_eq!(*outside > 0, loses, "{errors:?}");
         }
+        let places: Vec<[u32; 2]> =
+            (0..256).step_by(2).flat_map(|y| (0..256).step_by(3).map(move |x| [x, y])).collect();
         let lists = bench.receivers().expect("receivers");
-        for (m, _) in &bench.methods {
+        for ((m, _), (name, outside)) in bench.methods.iter().zip(&errors) {
+            // Without the image, of a sample: three methods will do, the oracle is slow.
+            if *outside > 0 || name == "vector" {
+                let found = Errors::at(&**m, &oracle, &places);
+                assert_eq!((found.outside > 0, found.texels), (*outside > 0, places.len() as u64), "{name}");
+                let few = &lists[0][..2000];
+                assert_eq!(wrong_at(&**m, &oracle, few), wrong(&**m, image, Some(&oracle), few), "{name}");
+            }
             let some = &lists[1][..200];
             let lit = some.iter().filter(|[x, y, d]| m.lit(*x, *y, *d)).count();
             assert_eq!(m.count(some), lit, "{}", m.name());

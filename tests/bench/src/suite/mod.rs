@@ -7,5 +7,6 @@ pub mod check;
 pub mod levels;
 pub mod merge;
 pub mod query;
+pub mod report;
 pub mod size;
 pub mod stability;
