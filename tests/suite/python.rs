@@ -123,6 +123,7 @@ fn a_baked_file_answers_alike() {
         top_down: false,
         mmh: Default::default(),
         memory_bytes: None,
+        cold: false,
     };
     bake(&scene::generated("city:1:0.05").unwrap().unwrap(), &options, &path, &Default::default()).unwrap();
     let container = open(fs::read(&path).unwrap(), Limits::default()).unwrap();

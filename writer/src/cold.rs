@@ -89,12 +89,7 @@ impl Coder for Recorder<'_> {
 
 impl Recorder<'_> {
     /// Notes a page by its kind, or where that does not give the page back, word by word. `None`: not even that.
-    fn page<'a>(
-        model: &Model,
-        sizes: &[u16],
-        places: &'a Places,
-        words: &[u32],
-    ) -> Option<(Recorder<'a>, bool)> {
+    fn page<'a>(model: &Model, sizes: &[u16], places: &'a Places, words: &[u32]) -> Option<(Recorder<'a>, bool)> {
         [false, true].into_iter().find_map(|plain| {
             let mut recorder = Recorder { places: Some(places), ..Recorder::default() };
             let mut out = vec![0; words.len()];
@@ -241,7 +236,7 @@ impl Tables {
                 halves.push(*state as u16);
                 *state >>= 16;
             }
-            *state = (*state / share << PROBABILITY_BITS) + *state % share + start;
+            *state = ((*state / share) << PROBABILITY_BITS) + *state % share + start;
         }
         let first = u16::try_from(halves.len() + 4).ok().filter(|n| *n < PLAIN)?;
         let mut out = Vec::with_capacity(words.len() * 4);

@@ -171,7 +171,7 @@ fn table<'a>(mut bytes: &'a [u8], symbols: u16, slots: &mut Vec<Slot>) -> Option
         SLOTS => Some(bytes),
         // A table that nothing was coded by: its symbol 0 takes no bits.
         0 => {
-            slots.extend((0..SLOTS as u32).map(|i| Slot((SLOTS as u32) << 20 | i << 9)));
+            slots.extend((0..1 << PROBABILITY_BITS).map(|i| Slot(1 << (20 + PROBABILITY_BITS) | i << 9)));
             Some(bytes)
         }
         _ => None,

@@ -74,6 +74,7 @@ pub(super) struct Group {
     node: u32,
 }
 
+#[allow(clippy::indexing_slicing, clippy::cast_possible_truncation, reason = "runs while this is compiled")]
 pub(super) static GROUPS: [Group; 256] = {
     let mut groups = [Group { words: 0, values: 0, nodes: 0, value: 0, node: 0 }; 256];
     let mut mask = 0;
@@ -200,7 +201,7 @@ fn types<C: Coder, const MERGED: bool>(
                     _ => {
                         let real = || u64::from((known >> 8 & 0xFF).saturating_sub(2));
                         let dependency = low(c.number(DEPENDENCIES, real));
-                        (dependency + 2 & 0xFF) << 8 | c.bits(14, || known >> 16) << 16
+                        ((dependency + 2) & 0xFF) << 8 | c.bits(14, || known >> 16) << 16
                     }
                 };
             continue 'all;
@@ -232,7 +233,8 @@ fn types<C: Coder, const MERGED: bool>(
         for node in pending.get_mut(count..count + 4)? {
             let (x, y) = corner(bits);
             let [empty, ..] = (bits >> 2 & 1).to_le_bytes();
-            *node = Pending { node: low16(start + (bits >> 4 & 15) as usize), empty, level: level.saturating_sub(1), x, y };
+            *node =
+                Pending { node: low16(start + (bits >> 4 & 15) as usize), empty, level: level.saturating_sub(1), x, y };
             bits >>= 8;
         }
         count += usize::from(g.nodes);
@@ -258,7 +260,11 @@ fn alone(page: &[u32]) -> Vec<u8> {
     if root == 0 {
         let count = word(page, 2);
         at = 3 + count.div_ceil(4) as usize;
-        entries.extend((0..count).rev().map(|i| word(page, 3 + i as usize / 4).to_le_bytes().get(i as usize % 4).copied().unwrap_or(0)));
+        entries.extend(
+            (0..count)
+                .rev()
+                .map(|i| word(page, 3 + i as usize / 4).to_le_bytes().get(i as usize % 4).copied().unwrap_or(0)),
+        );
     }
     while at < page.len() {
         let waiting = masks.get(at).copied().unwrap_or(0);
@@ -339,15 +345,15 @@ fn depths<C: Coder>(c: &mut C, model: &Model, real: &[u32], out: &mut [u32], val
             let length = |s: usize| u64::BITS - surfaces.get(s & 1).map_or(0, |s| s.differs(v, known)).leading_zeros();
             let [a, b] = [length(front), length(front ^ 1)];
             // Another surface than the last costs about two bits more.
-            if a <= b + 2 { a } else { b | LENGTH + 1 }
+            if a <= b + 2 { a } else { b | (LENGTH + 1) }
         });
-        let (other, length) = (symbol as usize / (LENGTH as usize + 1) & 1, symbol & LENGTH);
+        let (other, length) = (usize::from(symbol > LENGTH), symbol & LENGTH);
         let from = *surfaces.get((front ^ other) & 1)?;
         let z = c.rest(length, from.differs(v, known));
         let value = from.at(v.x, v.y).wrapping_add(low(unzigzag(z).cast_unsigned()));
         put(out, at, value)?;
         let miss = usize::from(length > near);
-        before = if miss == 1 { 3 } else { other * 2 | usize::from(length >= 4) & !other };
+        before = if miss == 1 { 3 } else { (other * 2) | (usize::from(length >= 4) & !other) };
         id = id.wrapping_add(1);
         let own = if miss == 1 { id } else { from.id };
         let child = usize::from(v.child & 3);

@@ -8,8 +8,8 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use super::{Coder, Model, frame, low, plain, put, unzigzag, word, zigzag};
 use super::tree::GROUPS;
+use super::{Coder, Model, frame, low, plain, put, unzigzag, word, zigzag};
 use crate::kind::Kind;
 use crate::kind::vector::{BLOCK_GROUPS, BLOCK_WORDS, Header, MAX_GROUPS, TOPOLOGY, packed};
 use crate::structure::MAX_LOG2_RESOLUTION;
@@ -36,8 +36,22 @@ const SELECTORS: usize = SPLIT_PARTS + 6;
 const MASK_PARTS: usize = SELECTORS + 1;
 
 /// Tables behind the plain ones.
-pub(super) const TABLES: &[(usize, u16)] =
-    &[(6, 17), (8, 256), (14, 224), (1, 34), (1, 10), (1, 14), (2, 50), (2, 34), (1, 34), (2, 50), (2, 24), (6, 68), (1, 16), (4, 68)];
+pub(super) const TABLES: &[(usize, u16)] = &[
+    (6, 17),
+    (8, 256),
+    (14, 224),
+    (1, 34),
+    (1, 10),
+    (1, 14),
+    (2, 50),
+    (2, 34),
+    (1, 34),
+    (2, 50),
+    (2, 24),
+    (6, 68),
+    (1, 16),
+    (4, 68),
+];
 
 /// Indexes that are told by how long ago they were.
 const RECENT: usize = 32;
@@ -47,7 +61,7 @@ const LENGTHS: usize = 16;
 const RECENT_LINES: usize = 8;
 /// Planes and lines whose slopes are told by how long ago they were.
 const RECENT_PLANES: usize = 8;
-const RECENT_SLOPES: usize = 16;
+const RECENT_SLOPES: u32 = 16;
 
 /// A page as its words have it; of no words, where numbers are read, all zero.
 struct Real<'a> {
@@ -125,7 +139,8 @@ pub(super) fn walk<C: Coder>(c: &mut C, model: &Model, words: &[u32], out: &mut 
     if heap as usize > out.len() || (raws == 0 && heap as usize != out.len()) {
         return None;
     }
-    let [_, stubs_at, indexes_at, proofs_at, lines_at, constants_at, planes_at, splits_at, masks_at, raws_at] = at.map(|a| a as usize);
+    let [_, stubs_at, indexes_at, proofs_at, lines_at, constants_at, planes_at, splits_at, masks_at, raws_at] =
+        at.map(|a| a as usize);
     stubs(&groups, out, stubs_at, w0 >> 16)?;
     let mut sum = 0u32;
     let base = [0, constants, planes, splits, masks].map(|n| {
@@ -168,7 +183,7 @@ fn topology<C: Coder>(c: &mut C, words: &[u32], out: &mut [u32], root: u8, level
         }
         let block = TOPOLOGY as usize + number / BLOCK_GROUPS as usize * BLOCK_WORDS as usize;
         let below = u32::try_from(tables.len()).ok()?;
-        if number % BLOCK_GROUPS as usize == 0 {
+        if number.is_multiple_of(BLOCK_GROUPS as usize) {
             put(out, block, (below - 1) & 0xFFFF | entries << 16)?;
         }
         let (place, shift) = (block + 1 + number % 16 / 4, 8 * (number % 4));
@@ -338,7 +353,7 @@ fn each_line<C: Coder>(c: &mut C, real: &Real<'_>, out: &mut [u32], at: usize, c
         let symbol = c.symbol(LINES, || {
             let axis = w2 >> 16 & 1;
             let same = |ago: &u32| before(*ago as usize).is_some_and(|l| l[0] == w0 && l[2] >> 16 & 1 == axis);
-            (1..=RECENT_SLOPES as u32).find(same).unwrap_or(0) << 1 | axis
+            (1..=RECENT_SLOPES).find(same).unwrap_or(0) << 1 | axis
         });
         let (axis, ago) = (symbol & 1, symbol >> 1);
         let (m, beside) = if ago == 0 {
@@ -420,7 +435,14 @@ const TOLD: usize = 4;
 
 /// A part of a split or mask: a number of the palette, told as one of four others or by how far it is from where the next
 /// of its class is expected.
-fn part<C: Coder>(c: &mut C, table: usize, known: u32, others: [u32; TOLD], next: &mut Starts, starts: &Starts) -> Option<(u32, u32)> {
+fn part<C: Coder>(
+    c: &mut C,
+    table: usize,
+    known: u32,
+    others: [u32; TOLD],
+    next: &mut Starts,
+    starts: &Starts,
+) -> Option<(u32, u32)> {
     let symbol = c.symbol(table, || {
         let told = others.iter().position(|o| *o == known).unwrap_or_else(|| {
             let class = class(starts, known).min(3);
@@ -438,7 +460,14 @@ fn part<C: Coder>(c: &mut C, table: usize, known: u32, others: [u32; TOLD], next
     Some((if is_new { fresh } else { old }, 2 * u32::from(is_new)))
 }
 
-fn each_split<C: Coder>(c: &mut C, real: &Real<'_>, out: &mut [u32], at: usize, count: u16, starts: Starts) -> Option<()> {
+fn each_split<C: Coder>(
+    c: &mut C,
+    real: &Real<'_>,
+    out: &mut [u32],
+    at: usize,
+    count: u16,
+    starts: Starts,
+) -> Option<()> {
     let mut next = starts;
     let mut lines = [0u32; RECENT_LINES];
     let (mut line_next, mut told, mut last) = (0u32, 0usize, [0u32; 2]);
@@ -462,7 +491,14 @@ fn each_split<C: Coder>(c: &mut C, real: &Real<'_>, out: &mut [u32], at: usize, 
         *lines.first_mut()? = line;
         // A split that is a part is likely one of the last ones.
         *next.get_mut(2)? = starts.get(2)? + u32::from(i);
-        let (a, how) = part(c, SPLIT_PARTS + told, known >> 10 & 0x7FF, [last[0], last[1], u32::MAX, u32::MAX], &mut next, &starts)?;
+        let (a, how) = part(
+            c,
+            SPLIT_PARTS + told,
+            known >> 10 & 0x7FF,
+            [last[0], last[1], u32::MAX, u32::MAX],
+            &mut next,
+            &starts,
+        )?;
         *next.get_mut(2)? = starts.get(2)? + u32::from(i);
         let table = SPLIT_PARTS + 2 + how as usize + told;
         let (b, _) = part(c, table, known >> 21, [last[1], last[0], u32::MAX, u32::MAX], &mut next, &starts)?;
@@ -475,7 +511,15 @@ fn each_split<C: Coder>(c: &mut C, real: &Real<'_>, out: &mut [u32], at: usize, 
 /// Selectors that the model does not have.
 const UNKNOWN: u32 = 15;
 
-fn each_mask<C: Coder>(c: &mut C, real: &Real<'_>, model: &Model, out: &mut [u32], at: usize, count: u16, starts: Starts) -> Option<()> {
+fn each_mask<C: Coder>(
+    c: &mut C,
+    real: &Real<'_>,
+    model: &Model,
+    out: &mut [u32],
+    at: usize,
+    count: u16,
+    starts: Starts,
+) -> Option<()> {
     let mut next = starts;
     let mut last = [0u32; 3];
     for i in 0..usize::from(count) {

@@ -121,7 +121,7 @@ fn nodes() -> Naive {
 type Part<'a> = (&'static str, u8, &'a [u8], Vec<Naive>);
 
 fn golden(name: &'static str, alignment_log2: u8, parts: Vec<Part<'_>>) -> Golden {
-    let options = ContainerOptions { file_id: ID, alignment_log2 };
+    let options = ContainerOptions { alignment_log2, ..ContainerOptions::new(ID) };
     let files: Vec<_> = parts
         .iter()
         .map(|(name, log2, cuts, trees)| {
