@@ -210,7 +210,8 @@ fn types<C: Coder, const MERGED: bool>(
         let Pending { level, x, y, .. } = place;
         let start = end;
         end += usize::from(g.words);
-        if end > out.len() {
+        // A group without words would be met here for ever.
+        if end > out.len() || g.words == 0 {
             return None;
         }
         group += 1;

@@ -25,7 +25,7 @@ const KNOWN_SLOPES: usize = SLOPES + 1;
 /// Offsets of planes: of new slopes, and of those that a plane before has.
 const OFFSETS: usize = KNOWN_SLOPES + 1;
 const LINES: usize = OFFSETS + 2;
-const LINE_SLOPES: usize = LINES + 2;
+const LINE_SLOPES: usize = LINES + 1;
 const LINE_OFFSETS: usize = LINE_SLOPES + 1;
 const SPLIT_LINES: usize = LINE_OFFSETS + 2;
 /// Parts of splits: a by how the line was told, b by how a was.
@@ -44,7 +44,7 @@ pub(super) const TABLES: &[(usize, u16)] = &[
     (1, 10),
     (1, 14),
     (2, 50),
-    (2, 34),
+    (1, 34),
     (1, 34),
     (2, 50),
     (2, 24),
