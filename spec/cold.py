@@ -1,8 +1,9 @@
 """Cold pages, for reader.py; written from cold.md."""
 
 import struct
+import zlib
 
-from rules import need
+from rules import Broken, need
 
 SLOTS = 2048
 PLAIN, PLAIN_TABLES = 0x8000, [256] * 4
@@ -126,6 +127,7 @@ class Decoder:
             for at in range(len(self.out)):
                 self.out[at] = sum(self.symbol(byte) << 8 * byte for byte in range(4))
         else:
+            tell(self.model.kind in TABLES)
             self.frame()
             if self.model.kind == VECTOR:
                 self.vector()
@@ -412,9 +414,38 @@ class Decoder:
             self.out[first + 2 * i : first + 2 * i + 2] = (a & 1023) | (b & 1023) << 10 | (c & 1023) << 20, rows
 
 
-def decode(model, data, words):
-    """The words of a page; None where the bytes are not those of one."""
+class Lazy:
+    """The model of a structure, read when it is first asked for."""
+
+    def __init__(self, container, kind, sections):
+        self.container, self.kind, self.model = container, kind, None
+        self.number, self.section = sections[0] if sections else (None, None)
+
+    def get(self):
+        """The model; may be broken whenever it is asked for."""
+        if not self.model:
+            s, at = self.section, f"section {self.number}"
+            self.container.limit("allocation", s.length + most_bytes(self.kind), at)
+            data = self.container.read(s.offset, s.length)
+            crc = zlib.crc32(data)
+            need(crc == s.crc32, "section.crc", at, f"{s.crc32:#x} stated, {crc:#x} computed")
+            self.model = Model(self.kind, data, at)
+        return self.model
+
+    def whole(self, report=lambda e: None):
+        """Whether there is none, or it is not broken."""
+        try:
+            return not self.section or bool(self.get())
+        except Broken as e:
+            report(e)
+            return False
+
+
+def decode(model, data, words, at):
+    """The bytes of a page as it is queried."""
+    need(model.section, "page.cold", at, "no model")
     try:
-        return Decoder(model, data, words).page()
+        page = Decoder(model.get(), data, words).page()
     except Wrong:
-        return None
+        raise Broken("page.cold", at, "not the numbers of a page") from None
+    return struct.pack(f"<{words}I", *page)

@@ -181,8 +181,8 @@ class Container:
         self.structures, names = [], set()
         for i in range(self.header.structure_count):
             s = Structure(self, i, data[512 * i : 512 * i + 512], index[i], pages[i])
-            models = [(n, m) for n, m in enumerate(self.sections) if m.kind == COLD and m.structure == i]
-            s.section, s.model = models[0] if models else None, None
+            models = [(n, m) for n, m in enumerate(self.sections) if (m.kind, m.structure) == (COLD, i)]
+            s.model = cold.Lazy(self, s.kind, models)
             need(s.name not in names, "structure.unique", s.where, s.name)
             names.add(s.name)
             self.limit("pages", s.page_count, s.where)
@@ -225,10 +225,7 @@ class Container:
                 if crc != s.crc32:
                     report(Broken("section.crc", at, f"{s.crc32:#x} stated, {crc:#x} computed"))
         for s in self.structures:
-            try:
-                s.cold_model()
-            except Broken as e:
-                report(e)
+            s.model.whole(report)
             s.verify(report, summary)
         return summary
 
@@ -391,24 +388,6 @@ class Structure:
         r = self.block(number)[ordinal % self.records_per_block]
         return self.lists[number][r.dep_first : r.dep_first + r.dep_count]
 
-    def cold_model(self):
-        """The tables of the structure's cold pages; None where it has none. May be broken whenever it is asked for."""
-        if self.section and not self.model:
-            number, s = self.section
-            at = f"section {number}"
-            self.container.limit("allocation", s.length + cold.most_bytes(self.kind), at)
-            data = self.container.read(s.offset, s.length)
-            crc = zlib.crc32(data)
-            need(crc == s.crc32, "section.crc", at, f"{s.crc32:#x} stated, {crc:#x} computed")
-            self.model = cold.Model(self.kind, data, at)
-        return self.model
-
-    def has_model(self):
-        try:
-            return bool(self.cold_model())
-        except Broken:
-            return False
-
     def page(self, ordinal, whole=False):
         """The words of a page whose bytes, frame and nodes have been checked; None for a kind without a definition."""
         if ordinal in self.pages and not whole:
@@ -419,10 +398,7 @@ class Structure:
         crc = bound_crc(self.container.header.file_id, [self.number, ordinal], data)
         need(crc == r.crc32, "page.crc", at, f"{r.crc32:#x} stated, {crc:#x} computed")
         if r.cold_words:
-            need(self.section, "page.cold", at, "no model")
-            words = cold.decode(self.cold_model(), data, r.hot_words)
-            need(words, "page.cold", at, "not the numbers of a page")
-            data = struct.pack(f"<{r.hot_words}I", *words)
+            data = cold.decode(self.model, data, r.hot_words, at)
         if whole or r.cold_words:
             need(xxh3_64(data) == r.content_hash, "page.hash", at, hex(r.content_hash))
         words = struct.unpack(f"<{r.hot_words}I", data)
@@ -585,7 +561,7 @@ class Structure:
             announced = said.popleft() if said and not is_root and ordinal < self.tree_pages else None
             try:
                 # Where the model is broken its cold pages are passed over.
-                passed = r.cold_words and self.section and not self.has_model()
+                passed = r.cold_words and not self.model.whole()
                 words = None if passed else self.page(ordinal, whole=True)
             except Broken as e:
                 report(e)

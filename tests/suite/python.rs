@@ -215,7 +215,7 @@ fn an_unknown_optional_section_is_skipped() {
 fn random_changes_are_judged_alike() {
     let folder = Folder::new("python-random");
     let mut dice = Dice(20);
-    let bases = ["example", "pages", "two", "roots", "later", "vector", "vector", "vector-two"]
+    let bases = ["example", "pages", "two", "roots", "later", "vector", "vector", "vector-two", "cold", "cold"]
         .map(|n| &golden::named(n).bytes);
     let (mut files, mut expected) = (Vec::new(), Vec::new());
     let mut accepted = 0;
