@@ -591,15 +591,14 @@ pub fn repair(bytes: &mut [u8], seal: Seal) {
                     let Some(page) = range(bytes, get("offset", 8), 4 * words).filter(|_| seal >= All) else {
                         continue;
                     };
+                    let (is_cold, hot_words) = (get("cold_words", 2) != 0, get("hot_words", 2) as u16);
                     let crc = page_crc(&id, s as u32, (b * per + i) as u32, &page);
                     put(bytes, r.saturating_add(field("PageRecord", "crc32").offset), &crc.to_le_bytes());
                     let hash = r.saturating_add(field("PageRecord", "content_hash").offset);
                     // Of a cold page the hash is of what it decodes to; where it doesn't, nobody asks for it.
-                    if get("cold_words", 2) == 0 {
+                    if !is_cold {
                         put(bytes, hash, &content_hash(&page).to_le_bytes());
-                    } else if let Some(words) =
-                        model.as_ref().and_then(|m| cold::decode(m, &page, get("hot_words", 2) as u16))
-                    {
+                    } else if let Some(words) = model.as_ref().and_then(|m| cold::decode(m, &page, hot_words)) {
                         let hot: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
                         put(bytes, hash, &content_hash(&hot).to_le_bytes());
                     }
