@@ -7,7 +7,7 @@
     python3 spec/reader.py dump FILE
 
 Read in this order: `Container` (container.md: opening), `Structure.block` and `check_record` (index), `Structure.page`
-(pages, the frame), `check_mh`, `links`, `Structure.lookup` (mh.md), `mmh.py` (mmh.md), `vector.py` (vector.md),
+(pages, the frame), `cold.py` (cold.md), `check_mh`, `links`, `Structure.lookup` (mh.md), `mmh.py` (mmh.md), `vector.py` (vector.md),
 `Container.verify` (order of checks).
 Memory: the section table, the structure records, one index block, a few pages, and what parents say of pages to come.
 """
@@ -23,6 +23,7 @@ import zlib
 
 sys.dont_write_bytecode = True
 from rules import EMPTY, INNER, LEAF, NONE, UNCOVERED, Broken, need  # noqa: E402
+import cold  # noqa: E402
 from mmh import MODULUS, Merged  # noqa: E402
 from vector import Vector  # noqa: E402
 from xxh3 import xxh3_64  # noqa: E402
@@ -30,7 +31,8 @@ from xxh3 import xxh3_64  # noqa: E402
 MAGIC = b"\xd5UMB\r\n\x1a\n"
 FIRST_READ = 16384
 NO_STRUCTURE = 0xFFFFFFFF
-STRUCTURES, INDEX, PAGES = 1, 2, 3
+STRUCTURES, INDEX, PAGES, COLD = 1, 2, 3, 4
+KNOWN = STRUCTURES, INDEX, PAGES, COLD
 KINDS = {1: "mh", 2: "mmh", 3: "vector", 4: "mh-stack", 5: "mmh-stack", 6: "stack", 7: "quads"}
 MH, MMH, VECTOR, MASKED_KINDS = 1, 2, 3, (1, 2, 3)
 # guarantee of each policy, and the policies that have a parameter
@@ -139,23 +141,26 @@ class Container:
 
     def check_table(self):
         end, h = self.table_end, self.header
-        owners = {INDEX: 0, PAGES: 0}
+        owners, models = {INDEX: 0, PAGES: 0}, 0
         for i, s in enumerate(self.sections):
             at = f"section record {i}"
             need(not any(s.reserved), "section.reserved", at)
             need(s.flags <= 1, "section.flags", at, s.flags)
-            known = s.kind in (STRUCTURES, INDEX, PAGES)
+            known = s.kind in KNOWN
             need(known or s.flags == 0, "section.unknown", at, s.kind)
             need((i == 0) == (s.kind == STRUCTURES), "section.order", at, s.kind)
             if s.kind == STRUCTURES:
                 need(s.structure == NO_STRUCTURE, "section.structure", at, s.structure)
+            elif s.kind == COLD:
+                need(models <= s.structure < h.structure_count, "section.structure", at, s.structure)
+                models = s.structure + 1
             elif known:
                 need(s.structure == owners[s.kind], "section.structure", at, s.structure)
                 owners[s.kind] += 1
             else:
                 good = s.structure == NO_STRUCTURE or s.structure < h.structure_count
                 need(good, "section.structure", at, s.structure)
-            need(not known or s.crc32 == 0, "section.crc-field", at, s.crc32)
+            need(not known or s.kind == COLD or s.crc32 == 0, "section.crc-field", at, s.crc32)
             start = align(end, max(64, self.alignment) if s.kind == PAGES else 64)
             need(s.offset == start, "section.offset", at, f"{s.offset}, not {start}")
             need(s.length >= 1 and s.offset + s.length <= h.total_bytes, "section.length", at, s.length)
@@ -176,6 +181,8 @@ class Container:
         self.structures, names = [], set()
         for i in range(self.header.structure_count):
             s = Structure(self, i, data[512 * i : 512 * i + 512], index[i], pages[i])
+            models = [(n, m) for n, m in enumerate(self.sections) if (m.kind, m.structure) == (COLD, i)]
+            s.model = cold.Lazy(self, s.kind, models)
             need(s.name not in names, "structure.unique", s.where, s.name)
             names.add(s.name)
             self.limit("pages", s.page_count, s.where)
@@ -211,13 +218,14 @@ class Container:
             if not self.zero(end, s.offset):
                 report(Broken("section.padding", at, "not zero"))
             end = s.offset + s.length
-            if s.kind not in (STRUCTURES, INDEX, PAGES):
+            if s.kind not in KNOWN:
                 crc = 0
                 for part in self.parts(s.offset, end):
                     crc = zlib.crc32(part, crc)
                 if crc != s.crc32:
                     report(Broken("section.crc", at, f"{s.crc32:#x} stated, {crc:#x} computed"))
         for s in self.structures:
+            s.model.whole(report)
             s.verify(report, summary)
         return summary
 
@@ -389,9 +397,10 @@ class Structure:
         data = self.container.read(r.offset, 4 * stored_words(r))
         crc = bound_crc(self.container.header.file_id, [self.number, ordinal], data)
         need(crc == r.crc32, "page.crc", at, f"{r.crc32:#x} stated, {crc:#x} computed")
-        if whole:
+        if r.cold_words:
+            data = cold.decode(self.model, data, r.hot_words, at)
+        if whole or r.cold_words:
             need(xxh3_64(data) == r.content_hash, "page.hash", at, hex(r.content_hash))
-        need(r.cold_words == 0, "page.cold", at, r.cold_words)
         words = struct.unpack(f"<{r.hot_words}I", data)
         flat = r.page_type & 15 == 1
         tag, root_mask, child_refs = words[0] & 255, words[0] >> 8 & 255, words[0] >> 16
@@ -551,12 +560,14 @@ class Structure:
             is_root = ordinal < self.root_count
             announced = said.popleft() if said and not is_root and ordinal < self.tree_pages else None
             try:
-                words = self.page(ordinal, whole=True)
+                # Where the model is broken its cold pages are passed over.
+                passed = r.cold_words and not self.model.whole()
+                words = None if passed else self.page(ordinal, whole=True)
             except Broken as e:
                 report(e)
                 words = None
             else:
-                summary["unsupported"] += words is None
+                summary["unsupported"] += words is None and not passed
             counted = self.node_counts.pop(ordinal, None)
             nodes = [a + b for a, b in zip(nodes, counted)] if nodes and counted else None
             if said is not None:
@@ -729,7 +740,7 @@ def dump(container, out):
     h = container.header
     out.write(f"version {h.version_major}.{h.version_minor}, {h.total_bytes} bytes, file id {h.file_id.hex()}\n")
     for i, s in enumerate(container.sections):
-        names = {STRUCTURES: "structures", INDEX: "index", PAGES: "pages"}
+        names = {STRUCTURES: "structures", INDEX: "index", PAGES: "pages", COLD: "model of cold pages"}
         whose = "" if s.structure == NO_STRUCTURE else f" of structure {s.structure}"
         out.write(f"section {i}: {names.get(s.kind, f'type {s.kind}')}{whose}, {s.length} bytes from {s.offset}\n")
     for s in container.structures:

@@ -74,7 +74,7 @@ pub fn structure_crc(file_id: &FileId, structure: u32, before_crc: &[u8]) -> u32
     bound(file_id, &[structure], before_crc)
 }
 
-/// CRC of a section of a type that this version does not know: its bytes, nothing else, taken piece by piece.
+/// CRC of a model of cold pages, or of a section of a type that this version does not know: its bytes, nothing else, taken piece by piece.
 #[derive(Clone, Debug, Default)]
 pub struct SectionCrc(crc32fast::Hasher);
 
@@ -100,7 +100,7 @@ pub fn header_crc(header: &Header, table: &[u8]) -> u32 {
     h.finalize()
 }
 
-/// Hash of a page's stored bytes; equal content has equal hashes in every file.
+/// Hash of a page's bytes as they are queried; equal content has equal hashes in every file.
 pub fn content_hash(bytes: &[u8]) -> u64 {
     xxhash_rust::xxh3::xxh3_64(bytes)
 }

@@ -65,7 +65,8 @@ rules! {
     SectionTrailing "section.trailing" "the file ends where the last section ends" WRITER;
     SectionMissing "section.missing" "each structure has an index and pages" WRITER;
     SectionPadding "section.padding" "bytes between sections are zero" WRITER;
-    SectionCrc "section.crc" "an unknown section matches its CRC" DAMAGED;
+    SectionCrc "section.crc" "a model of cold pages, or an unknown section, matches its CRC" DAMAGED;
+    ColdModel "cold.model" "a model has a table of each of its kind's, whole, and fills its section" WRITER;
     StructureCrc "structure.crc" "a structure record matches its CRC" DAMAGED;
     StructureName "structure.name" "a structure has a name: UTF-8, not empty, padded with zero bytes" WRITER;
     StructureUnique "structure.unique" "names of structures differ" WRITER;
@@ -108,7 +109,7 @@ rules! {
     PageChildren "page.children" "a page refers to as many child pages as its record has" WRITER;
     PageLevel "page.level" "the root group's level is the record's coarsest level, 0 on flat pages" WRITER;
     PageFlags "page.flags" "unused bits of the frame are zero" WRITER;
-    PageCold "page.cold" "a stored form other than the queried one is known" NEWER;
+    PageCold "page.cold" "a cold page decodes by its structure's model to the words that its record says" WRITER;
     MhPlain "mh.plain" "pages of the kind are trees, not shared, without dependencies" WRITER;
     MhRoot "mh.root" "a root page holds one full node of the whole map, another page a group below it" WRITER;
     MhFootprint "mh.footprint" "the footprint is the square of the root group, of one light" WRITER;

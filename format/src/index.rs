@@ -68,7 +68,7 @@ record! {
     PageRecord: 64 bytes {
         /// First byte, counted from the start of the file.
         0 => offset: U64;
-        /// XXH3-64 of the bytes as stored.
+        /// XXH3-64 of the bytes as queried.
         8 => content_hash: U64;
         /// CRC32 of the bytes as stored, bound to file id, structure and ordinal.
         16 => crc32: U32;
@@ -92,7 +92,7 @@ record! {
         48 => child_count: U16;
         /// Length of the page as queried, in 32-bit words, 2 to 16384.
         50 => hot_words: U16;
-        /// Length as stored where that is another form; 0: stored as queried.
+        /// Length as stored where the page is cold; 0: stored as queried.
         52 => cold_words: U16;
         /// First entry in the block's dependency list; 0 where there are none.
         54 => dep_first: U16;

@@ -8,17 +8,19 @@
 //! - [`index`]: the records of a structure's pages in checksummed blocks;
 //! - [`page`]: the frame that all pages share, an array of 32-bit words;
 //! - [`kind`]: what the words of a page mean, one room for each kind of structure;
+//! - [`cold`]: pages in a shorter form, decoded when they are loaded;
 //! - [`checksum`], [`error`], [`record`]: the CRCs, the rules and their errors, the tables of fields;
 //! - [`projection`]: how a point of the world becomes a point of the light-space lattice.
 //!
-//! Nothing here reads files; bytes come in, checked views and errors go out. Only [`kind::vector`] allocates: for the
-//! squares of a page's groups while it is checked, and where it lays out pages.
+//! Nothing here reads files; bytes come in, checked views and errors go out. [`kind::vector`] allocates for the
+//! squares of a page's groups while it is checked, and where it lays out pages; [`cold`] for tables and decoded pages.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 #![forbid(unsafe_code)]
 
 extern crate alloc;
 
 pub mod checksum;
+pub mod cold;
 pub mod error;
 pub mod header;
 pub mod index;

@@ -25,6 +25,8 @@ pub const STRUCTURES: u32 = 1;
 pub const INDEX: u32 = 2;
 /// Section of the pages of one structure.
 pub const PAGES: u32 = 3;
+/// Section of the model by which the cold pages of one structure are decoded; see [`crate::cold`].
+pub const COLD: u32 = 4;
 /// Flag bit: a reader that does not know the type must refuse the file.
 pub const REQUIRED: u32 = 1;
 /// Value of [`SectionRecord::structure`] where a section belongs to no structure.
@@ -35,7 +37,7 @@ pub const SECTION_ALIGNMENT: u64 = 64;
 record! {
     /// One section: what it is, whose it is and where it lies.
     SectionRecord: 40 bytes {
-        /// 1 structures, 2 index, 3 pages; others may come later.
+        /// 1 structures, 2 index, 3 pages, 4 model of cold pages; others may come later.
         0 => kind: U32;
         /// Bit 0: a reader that does not know the type must refuse the file. Other bits zero.
         4 => flags: U32;
@@ -60,7 +62,7 @@ impl SectionRecord {
 
     /// Whether this version knows the type.
     pub fn is_known(&self) -> bool {
-        matches!(self.kind.get(), STRUCTURES | INDEX | PAGES)
+        matches!(self.kind.get(), STRUCTURES | INDEX | PAGES | COLD)
     }
 
     /// Alignment of the section's first byte.
@@ -81,6 +83,8 @@ pub fn check_table(header: &Header, table: &[SectionRecord]) -> Result<(), Forma
     let mut end = Header::BYTES as u64 + header.table_bytes();
     // The structure whose index, or whose pages, must come next.
     let (mut next_index, mut next_pages) = (0u32, 0u32);
+    // The first structure that may yet have a model.
+    let mut next_model = 0u32;
     let structures = header.structure_count.get();
     let take = |next: &mut u32| {
         let owner = *next;
@@ -119,6 +123,12 @@ pub fn check_table(header: &Header, table: &[SectionRecord]) -> Result<(), Forma
             if s.crc32.get() != 0 {
                 return fault(Rule::SectionCrcField, 12, Value::Number(0), Value::Hex(s.crc32.get().into()));
             }
+        } else if s.kind.get() == COLD {
+            if !(next_model..structures).contains(&s.structure.get()) {
+                let expected = Value::Text("a structure of the file behind that of the model before");
+                return fault(Rule::SectionStructure, 8, expected, number(s.structure.get()));
+            }
+            next_model = s.structure.get().saturating_add(1);
         } else if s.structure.get() != NO_STRUCTURE && s.structure.get() >= structures {
             return fault(Rule::SectionStructure, 8, Value::Text("a structure of the file"), number(s.structure.get()));
         }

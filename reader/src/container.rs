@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use umbrage_format::index::check_record;
-use umbrage_format::section::{INDEX, PAGES, check_table};
+use umbrage_format::section::{COLD, INDEX, PAGES, check_table};
 use umbrage_format::{FileId, FormatError, Header, PageRecord, Place, Rule, SectionRecord, StructureRecord, Value};
 use zerocopy::FromBytes;
 
@@ -233,6 +233,7 @@ fn read_structures(
     let records = <[StructureRecord]>::ref_from_bytes(&bytes).unwrap_or_default();
     let mut names = std::collections::HashSet::new();
     let mut states = Vec::with_capacity(records.len());
+    let mut models = (0u32..).zip(sections).filter(|s| s.1.kind.get() == COLD).peekable();
     let of = |kind| sections.iter().filter(move |s| s.kind.get() == kind);
     for (i, ((record, index), pages)) in (0u32..).zip(records.iter().zip(of(INDEX)).zip(of(PAGES))) {
         let at = section.offset.get() + u64::from(i) * StructureRecord::BYTES as u64;
@@ -253,7 +254,9 @@ fn read_structures(
         }
         // A slot for each block and each page is the most that a reader keeps of an index.
         limits.allocate(place, u64::from(record.page_count.get()) * PageRecord::BYTES as u64).map_err(fault)?;
-        let state = StructureState::new(i, *record, index, pages);
+        let mut state = StructureState::new(i, *record, index, pages);
+        // Models come in the order of their structures.
+        state.cold = models.next_if(|m| m.1.structure.get() == i).map(|(number, s)| (number, *s));
         check_record(&record.root_page, 0, at + ROOT_PAGE_AT, &state.context(header)).map_err(fault)?;
         states.push(Arc::new(state));
     }

@@ -13,6 +13,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use umbrage_format::checksum::content_hash;
+use umbrage_format::cold;
 use umbrage_format::kind::tree::{self, PageCounts};
 use umbrage_format::page::{FrameHead, PageContext, check_frame};
 use umbrage_format::{FormatError, PageRecord, Place, Rule, Value};
@@ -97,12 +98,23 @@ impl PageBytes {
         self.ordinal
     }
 
-    /// Holds the content hash against the bytes; the CRC has found damage already, this finds a wrong index.
+    /// Whether the page is stored in its cold form.
+    pub fn is_cold(&self) -> bool {
+        self.record.cold_words.get() != 0
+    }
+
+    /// Holds the content hash against the bytes; the CRC has found damage already, this finds a wrong index. That of a cold
+    /// page is of what it decodes to, and [`check_frame`](Self::check_frame) holds it.
     ///
     /// # Errors
     /// `page.hash`.
     pub fn check_hash(&self) -> Result<(), ReaderError> {
-        let (computed, stored) = (content_hash(self.bytes()), self.record.content_hash.get());
+        if self.is_cold() { Ok(()) } else { self.hold_hash(self.bytes()) }
+    }
+
+    /// Holds the content hash against the bytes of the page as it is queried.
+    fn hold_hash(&self, bytes: &[u8]) -> Result<(), ReaderError> {
+        let (computed, stored) = (content_hash(bytes), self.record.content_hash.get());
         if computed == stored {
             return Ok(());
         }
@@ -112,22 +124,39 @@ impl PageBytes {
         Err(self.structure.fault(error))
     }
 
-    /// Next step: the frame against the index.
+    /// The words of a cold page, in host order. Their hash is held always: the CRC is of the bytes as stored, and a model
+    /// of another structure may decode these to another page.
+    fn decode(&self) -> Result<Words, ReaderError> {
+        let cx = context(&self.structure, self.ordinal, &self.record);
+        let fault = |expected, found| self.structure.fault(cx.fault(Rule::PageCold, 0, expected, found));
+        let model = self.structure.cold_model()?;
+        let model = model.ok_or_else(|| fault(Value::Text("a model of cold pages"), Value::Text("none")))?;
+        let words = cold::decode(&model, self.bytes(), self.record.hot_words.get())
+            .ok_or_else(|| fault(Value::Text("the numbers of a page"), Value::Text("other bytes")))?;
+        if cfg!(target_endian = "little") {
+            self.hold_hash(words.as_bytes())?;
+        } else {
+            let bytes: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
+            self.hold_hash(&bytes)?;
+        }
+        Ok(Words::Owned(words.into()))
+    }
+
+    /// Next step: a cold page is decoded; then the frame against the index.
     ///
     /// # Errors
-    /// `page.*`; a page that is stored in another form than it is queried in is refused by `page.cold`.
+    /// `page.*`; of a cold page also what [`Structure::cold_model`] brings.
     pub fn check_frame(self) -> Result<FrameChecked, ReaderError> {
+        let decoded = if self.is_cold() { Some(self.decode()?) } else { None };
         let Self { structure, ordinal, record, words } = self;
-        let cx = context(&structure, ordinal, &record);
-        if record.cold_words.get() != 0 {
-            let found = Value::Number(record.cold_words.get().into());
-            return Err(structure.fault(cx.fault(Rule::PageCold, 0, Value::Number(0), found)));
-        }
-        let words = if cfg!(target_endian = "little") {
+        let words = if let Some(words) = decoded {
+            words
+        } else if cfg!(target_endian = "little") {
             words
         } else {
             Words::Owned(words.get().iter().map(|&w| u32::from_le(w)).collect())
         };
+        let cx = context(&structure, ordinal, &record);
         let head = check_frame(words.get(), &cx).map_err(|e| structure.fault(e))?;
         Ok(FrameChecked { structure, ordinal, record, head, words })
     }

@@ -13,7 +13,8 @@
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use umbrage_format::checksum::PageCrc;
+use umbrage_format::checksum::{PageCrc, SectionCrc};
+use umbrage_format::cold::Model;
 use umbrage_format::index::{IndexBlock, IndexContext, check_follows};
 use umbrage_format::projection::Lattice;
 use umbrage_format::{
@@ -37,6 +38,10 @@ pub(crate) struct StructureState {
     pub(crate) index_offset: u64,
     pub(crate) pages_offset: u64,
     pub(crate) pages_end: u64,
+    /// Section of the model of its cold pages and its number, where there is one.
+    pub(crate) cold: Option<(u32, SectionRecord)>,
+    /// Read when the first cold page is.
+    model: OnceLock<Arc<Model>>,
     /// Begun when the first page is read.
     page_crc: OnceLock<PageCrc>,
     /// Made when the first block is kept: its length comes from the file.
@@ -61,6 +66,8 @@ impl StructureState {
             index_offset: index.offset.get(),
             pages_offset: pages.offset.get(),
             pages_end: pages.end(),
+            cold: None,
+            model: OnceLock::new(),
             page_crc: OnceLock::new(),
             blocks: OnceLock::new(),
             storing: Mutex::new(()),
@@ -260,6 +267,36 @@ impl Structure {
     /// As [`page_bytes`](Self::page_bytes), a rule of frame or kind, or a kind that this version can't query.
     pub fn page(&self, ordinal: u32) -> Result<CheckedPage, ReaderError> {
         self.page_bytes(ordinal)?.check_frame()?.check_kind()
+    }
+
+    /// What its cold pages are decoded with; read and checked where that has not been done. None where no page is cold.
+    ///
+    /// # Errors
+    /// The source can't be read, `section.crc`, `cold.model`, or a limit.
+    pub fn cold_model(&self) -> Result<Option<Arc<Model>>, ReaderError> {
+        let Some((number, section)) = &self.state.cold else { return Ok(None) };
+        if let Some(model) = self.state.model.get() {
+            return Ok(Some(model.clone()));
+        }
+        let (place, at, length) = (Place::Section(*number), section.offset.get(), section.length.get());
+        let needed = length.saturating_add(Model::most_bytes(self.kind()));
+        self.limits().allocate(place, needed).map_err(|e| self.fault(e))?;
+        let mut bytes = vec![0; usize::try_from(length).unwrap_or(0)];
+        self.shared.read(at, &mut bytes)?;
+        let mut crc = SectionCrc::default();
+        crc.update(&bytes);
+        let stored = section.crc32.get();
+        FormatError::crc(Rule::SectionCrc, place, at, crc.finish(), stored).map_err(|e| self.fault(e))?;
+        let model = Model::read(self.kind(), &bytes).ok_or_else(|| {
+            let expected = Value::Text("the tables of its kind");
+            self.fault(FormatError::new(Rule::ColdModel, place, at, expected, Value::Text("other bytes")))
+        })?;
+        Ok(Some(self.state.model.get_or_init(|| Arc::new(model)).clone()))
+    }
+
+    /// The section of that model, where there is one.
+    pub fn cold_section(&self) -> Option<&SectionRecord> {
+        self.state.cold.as_ref().map(|c| &c.1)
     }
 
     /// CRCs of its pages.

@@ -68,6 +68,8 @@ impl Container {
             end = s.end();
         }
         for structure in self.structures() {
+            // Where the model is broken its cold pages are passed over: one fault, not one for each.
+            keep(structure.cold_model().map(drop));
             if !verify_structure(&structure, &mut summary, &mut keep, &mut go_on) {
                 break;
             }
@@ -112,6 +114,13 @@ fn verify_structure(
         }
         end = Some(record.end());
         summary.pages += 1;
+        if record.cold_words.get() != 0 && s.cold_section().is_some() && s.cold_model().is_err() {
+            if let Some(follow) = &mut follow {
+                follow.skip(ordinal < s.record().root_count.get(), record.child_count.get());
+            }
+            nodes = None;
+            continue;
+        }
         let page = s.page_bytes(ordinal).and_then(|b| b.check_hash().and_then(|()| b.check_frame()));
         let page = page.and_then(FrameChecked::check_kind);
         nodes = nodes.zip(page.as_ref().ok()).map(|(sums, page)| {

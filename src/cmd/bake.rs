@@ -46,6 +46,9 @@ pub struct Args {
     /// a tile of 256 x 256
     #[arg(long, default_value = "bottom-up", value_parser = ["bottom-up", "top-down"])]
     values: String,
+    /// Store pages in a shorter form that is decoded when they are loaded; answers are the same
+    #[arg(long)]
+    cold: bool,
     /// Most memory to hold, MiB
     #[arg(long, value_name = "MIB", allow_negative_numbers = true, value_parser = whole::<u64>(0, 1 << 40))]
     memory: Option<u64>,
@@ -132,6 +135,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
             policy: args.policy,
             memory_bytes: args.memory.map(|m| m.saturating_mul(1 << 20)),
             threads: args.threads,
+            cold: args.cold,
             json: args.json,
         };
         return layers::run(bake, args.layers, args.placement);
@@ -167,6 +171,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
         mmh: args.search.map_or_else(Default::default, |search| mmh::Options { search }),
         exhaustive: args.builder == "exhaustive",
         memory_bytes,
+        cold: args.cold,
     };
     let texels = options.resolution.saturating_mul(options.resolution).saturating_mul(options.lights.len() as u64);
     let watched = Watched::start(texels);

@@ -71,6 +71,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
         top_down: false,
         mmh: Default::default(),
         memory_bytes: None,
+        cold: false,
     };
     let watched = Watched::start(args.resolution.saturating_mul(args.resolution));
     let baked = bake(&mesh, &options, &file, &watched.progress)?;

@@ -108,6 +108,8 @@ pub struct Bake {
     pub threads: Option<usize>,
     /// One JSON object on stdout.
     pub json: bool,
+    /// Whether pages are stored in their cold form.
+    pub cold: bool,
 }
 
 /// The light of the layers; more than one make no sense.
@@ -183,7 +185,7 @@ pub fn run(bake: Bake, args: LayerArgs, place: PlacementArgs) -> Result<(), Fail
     }
     let load = start.elapsed().as_secs_f64();
     let watched = Watched::start(side * side);
-    let to_bake = LayersOptions { memory_bytes: bake.memory_bytes };
+    let to_bake = LayersOptions { memory_bytes: bake.memory_bytes, cold: bake.cold };
     let baked = pool(bake.threads)?.install(|| bake_layers(&[&layers], &to_bake, &bake.output, &watched.progress))?;
     drop(watched);
     report(&bake, &layers, &baked, side, load, start.elapsed().as_secs_f64())

@@ -26,9 +26,12 @@ pub fn run(args: Args) -> Result<(), Failure> {
     listen();
     let containers = args.files.iter().map(|f| open(f)).collect::<Result<Vec<_>, _>>()?;
     let structures: Vec<Structure> = containers.iter().flat_map(Container::structures).collect();
-    let options = ContainerOptions::new(merged_id(&containers));
+    // Cold structures stay cold: a model of the same pages is the same model.
+    let cold: Vec<bool> = structures.iter().map(|s| s.cold_section().is_some()).collect();
+    let id = merged_id(&containers);
+    let options = if cold.iter().all(|c| *c) { ContainerOptions::cold(id) } else { ContainerOptions::new(id) };
     let records = structures.iter().map(|s| *s.record()).collect();
-    let mut writer = ContainerWriter::create(&args.output, options, records)?;
+    let mut writer = ContainerWriter::create_each(&args.output, options, records, cold)?;
     for s in &structures {
         for ordinal in 0..s.page_count() {
             if !go_on() {

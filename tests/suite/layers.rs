@@ -351,7 +351,7 @@ fn a_bake_that_ends_early_leaves_the_old_target_and_nothing_else() {
         let e = bake_layers(&[&lost], &LayersOptions::default(), &target, &Progress::default()).unwrap_err();
         assert!(e.to_string().contains("device lost") && e.to_string().contains("512, 256"), "{e}");
         unharmed();
-        let budget = LayersOptions { memory_bytes: Some(1 << 30) };
+        let budget = LayersOptions { memory_bytes: Some(1 << 30), ..LayersOptions::default() };
         let e = bake_layers(&[&lost], &budget, &target, &Progress::default()).unwrap_err();
         assert!(matches!(e, LayersError::Bake(BakeError::Memory { needed, .. }) if needed > 1 << 40), "{e}");
         unharmed();

@@ -1,6 +1,7 @@
 //! Tests of the workspace as a whole, in one binary.
 
 mod cli;
+mod cold;
 mod continuous;
 #[path = "../../examples/depth_source.rs"]
 mod depth_source;

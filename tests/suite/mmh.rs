@@ -21,6 +21,7 @@ fn baked(folder: &Folder, name: &str, kind: Kind, search: u32, resolution: u64) 
         top_down: false,
         mmh: mmh::Options { search },
         memory_bytes: None,
+        cold: false,
     };
     let path = folder.0.join(name);
     let baked = bake(&mesh, &options, &path, &Default::default()).unwrap();

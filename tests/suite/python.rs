@@ -123,6 +123,7 @@ fn a_baked_file_answers_alike() {
         top_down: false,
         mmh: Default::default(),
         memory_bytes: None,
+        cold: false,
     };
     bake(&scene::generated("city:1:0.05").unwrap().unwrap(), &options, &path, &Default::default()).unwrap();
     let container = open(fs::read(&path).unwrap(), Limits::default()).unwrap();
@@ -214,7 +215,7 @@ fn an_unknown_optional_section_is_skipped() {
 fn random_changes_are_judged_alike() {
     let folder = Folder::new("python-random");
     let mut dice = Dice(20);
-    let bases = ["example", "pages", "two", "roots", "later", "vector", "vector", "vector-two"]
+    let bases = ["example", "pages", "two", "roots", "later", "vector", "vector", "vector-two", "cold", "cold"]
         .map(|n| &golden::named(n).bytes);
     let (mut files, mut expected) = (Vec::new(), Vec::new());
     let mut accepted = 0;

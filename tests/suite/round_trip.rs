@@ -33,6 +33,7 @@ impl File {
             top_down: false,
             mmh: Default::default(),
             memory_bytes: None,
+            cold: false,
         };
         let baked = bake(&mesh, &options, &folder.join("map.umb"), &Default::default()).unwrap();
         File { folder, baked }
@@ -123,6 +124,7 @@ fn a_direction_of_any_length_becomes_a_unit_vector() {
             top_down: false,
             mmh: Default::default(),
             memory_bytes: None,
+            cold: false,
         };
         let path = folder.0.join("map.umb");
         bake(&scene::generated("city:1:0.05").unwrap().unwrap(), &options, &path, &Default::default()).unwrap();

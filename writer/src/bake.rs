@@ -59,6 +59,8 @@ pub struct BakeOptions {
     pub mmh: mmh::Options,
     /// Most bytes that may be held at once, the mesh included; none: no limit.
     pub memory_bytes: Option<u64>,
+    /// Store pages in their cold form.
+    pub cold: bool,
 }
 
 /// Why a bake failed.
@@ -213,7 +215,7 @@ pub fn bake(mesh: &Mesh, options: &BakeOptions, target: &Path, progress: &Progre
     }
     let start = Instant::now();
     let (trees, lights): (Vec<_>, Vec<_>) = done.into_iter().map(|(r, t, report)| ((r, t), report)).unzip();
-    let written = write(target, file_id, trees, progress)?;
+    let written = write(target, container(file_id, options.cold), trees, progress)?;
     seconds.write = start.elapsed().as_secs_f64();
     Ok(Baked {
         lights,
@@ -283,15 +285,20 @@ pub(crate) fn spool(target: &Path, left: Option<u64>) -> Spool {
     Spool::beside(target, left.map_or(SPOOL, |l| (l / 4).clamp(SPOOL_LEAST, SPOOL)) as usize)
 }
 
+/// Cold pages or not.
+pub(crate) fn container(file_id: FileId, cold: bool) -> ContainerOptions {
+    if cold { ContainerOptions::cold(file_id) } else { ContainerOptions::new(file_id) }
+}
+
 /// Puts finished trees into a container.
 pub(crate) fn write(
     target: &Path,
-    file_id: FileId,
+    options: ContainerOptions,
     trees: Vec<(StructureRecord, Built)>,
     progress: &Progress,
 ) -> Result<Written, BakeError> {
     let records = trees.iter().map(|t| t.0).collect();
-    let mut writer = ContainerWriter::create(target, ContainerOptions::new(file_id), records)?;
+    let mut writer = ContainerWriter::create(target, options, records)?;
     for (record, tree) in trees {
         let kind = record.kind().unwrap_or(Kind::Mh);
         let mut push = |page: PageInput| {
@@ -360,6 +367,9 @@ fn file_id(mesh: &Mesh, options: &BakeOptions) -> FileId {
     }
     if options.top_down {
         number(1);
+    }
+    if options.cold {
+        number(2);
     }
     number(options.lights.len() as u64);
     for l in &options.lights {

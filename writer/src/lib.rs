@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bake;
+pub mod cold;
 pub mod container;
 pub mod frame;
 pub mod hierarchy;

@@ -79,7 +79,7 @@ fn several_structures_in_one_file_and_the_same_bytes_each_time() {
         })
         .collect();
     for alignment_log2 in [2, 6, 12] {
-        let options = ContainerOptions { file_id: ID, alignment_log2 };
+        let options = ContainerOptions { alignment_log2, ..ContainerOptions::new(ID) };
         let bytes = write("several", options, &parts);
         assert_eq!(bytes, write("several-again", options, &parts));
         let file = open(bytes).unwrap();
@@ -172,7 +172,7 @@ fn the_writer_goes_beyond_4_gib() {
     let count = 66_001usize;
     let folder = Folder::new("sparse");
     let path = folder.0.join("big.umb");
-    let options = ContainerOptions { file_id: ID, alignment_log2: 16 };
+    let options = ContainerOptions { alignment_log2: 16, ..ContainerOptions::new(ID) };
     let mut writer = ContainerWriter::create(&path, options, vec![structure("q", Kind::Quads, 0, count)]).unwrap();
     for i in 0..count {
         let refs = [60_000, 6_000].get(i).copied().unwrap_or(0);

@@ -54,6 +54,7 @@ pub fn city_as(path: &Path, resolution: u64, kind: Kind) -> Vec<u8> {
         top_down: false,
         mmh: Default::default(),
         memory_bytes: None,
+        cold: false,
     };
     bake(&mesh, &options, path, &Progress::default()).unwrap();
     std::fs::read(path).unwrap()

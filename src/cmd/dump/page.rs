@@ -12,6 +12,9 @@ use super::vector::{SECTIONS, sections};
 pub fn print(s: &Structure, ordinal: u32) -> Result<(), Failure> {
     let (r, page) = (s.page_record(ordinal)?, s.page(ordinal)?);
     line(&format!("page {ordinal} of '{}': {} words at byte {}", s.name(), r.hot_words.get(), r.offset.get()))?;
+    if r.cold_words.get() != 0 {
+        line(&format!("  cold       stored in {} words", r.cold_words.get()))?;
+    }
     let [x, y] = [r.origin_x.get(), r.origin_y.get()];
     line(&format!("  texels     x {x} + {}, y {y} + {}", 1u64 << r.log2_x, 1u64 << r.log2_y))?;
     line(&format!("  levels     {} to {}", r.level_coarsest, r.level_finest))?;

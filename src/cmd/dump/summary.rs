@@ -41,6 +41,8 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
     let index = u64::from(s.block_count()) * r.block_bytes();
     let (mut levels, mut words, mut dependencies) = (BTreeMap::<u8, u64>::new(), 0, 0);
     let (mut largest, mut first, mut end, mut pad) = (0, 0, None, 0);
+    // Of cold pages: how many, what they take, what they are decoded to.
+    let (mut cold_pages, mut cold, mut hot) = (0u64, 0u64, 0u64);
     let (mut sections, mut palette) = ([0u64; SECTIONS.len()], Palette::default());
     for ordinal in 0..s.page_count() {
         if !go_on() {
@@ -57,7 +59,12 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
         pad += end.map_or(0, |e: u64| p.offset.get().saturating_sub(e));
         end = Some(p.end());
         if ordinal == 0 {
-            first = own * 4;
+            first = p.stored_bytes();
+        }
+        if p.cold_words.get() != 0 {
+            cold_pages += 1;
+            cold += p.stored_bytes();
+            hot += own * 4;
         }
         if s.kind() == Kind::Vector {
             let page = s.page(ordinal)?;
@@ -66,7 +73,8 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
         }
     }
     let pages = u64::from(s.page_count());
-    let total = index + words * 4 + pad + StructureRecord::BYTES as u64;
+    let model = s.cold_section().map_or(0, |section| section.length.get());
+    let total = index + words * 4 - hot + cold + model + pad + StructureRecord::BYTES as u64;
     let root = &r.root_page;
     let texel = |row: [f64; 4]| {
         let steps = (row[0] * row[0] + row[1] * row[1] + row[2] * row[2]).sqrt();
@@ -104,6 +112,7 @@ fn structure(s: &Structure) -> Result<Value, Failure> {
         "first_look_bytes": 16384 + first,
         "pages_by_level": levels.iter().rev().map(|(k, n)| json!({"level": k, "pages": n})).collect::<Vec<_>>(),
         "bytes": parts,
+        "cold": {"pages": cold_pages, "bytes": cold, "hot_bytes": hot, "model_bytes": model},
         "uncompressed_bytes": side * side * 4 * u64::from(r.root_count.get()),
     });
     match s.kind() {
@@ -263,6 +272,20 @@ fn print_light(l: &Value) -> Result<(), Failure> {
     let parts = own.into_iter().chain([("index", "index"), ("alignment", "alignment")]);
     let parts: Vec<String> = parts.map(|(name, key)| format!("{name} {}", bytes(number(&b[key])))).collect();
     row("bytes", parts.join(", "))?;
+    let c = &l["cold"];
+    if number(&c["model_bytes"]) > 0 {
+        row(
+            "cold",
+            format!(
+                "{} pages of {} stored in {}, with a model of {}: {:.3} of these bytes",
+                c["pages"],
+                bytes(number(&c["hot_bytes"])),
+                bytes(number(&c["bytes"])),
+                bytes(number(&c["model_bytes"])),
+                (number(&c["bytes"]) + number(&c["model_bytes"])) as f64 / number(&c["hot_bytes"]).max(1) as f64
+            ),
+        )?;
+    }
     row(
         "pages",
         format!(

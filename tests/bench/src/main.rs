@@ -103,6 +103,8 @@ enum Suite {
     Stability,
     /// Time of CRCs and structure checks, what opening reads and what memory it takes
     Check,
+    /// Cold pages: bytes, and decoding against zstd
+    Cold,
     /// One bake in a process of its own
     #[value(hide = true)]
     OneBake,
@@ -160,6 +162,7 @@ fn run(args: &Args) -> Result<(), Failure> {
         Suite::Accuracy => suite::accuracy::run(args)?,
         Suite::Stability => suite::stability::run(args)?,
         Suite::Check => suite::check::run(args)?,
+        Suite::Cold => suite::cold::run(args)?,
         Suite::OneBake => return suite::bake::one(args),
         Suite::OneOpen => return suite::check::one(args),
     };

@@ -86,6 +86,7 @@ impl Model {
             top_down: false,
             mmh: Default::default(),
             memory_bytes: None,
+            cold: false,
         }
     }
 

@@ -79,6 +79,22 @@ fn main() -> std::io::Result<()> {
     let four = [&[60u8, 0, 0, 4, 0][..], &[61, 0, 0, 7, 0], &[62, 0, 1, 9, 0], &[63, 0, 0, 1, 0]].concat();
     put("page", "vector-accepted", &[&[4, 0x44][..], &tree(5, 6, 0, 800), &four].concat())?;
 
+    // Bytes of a page, a model, words, changes; of each kind.
+    for (kind, name) in [(0u8, "mh"), (1, "mmh"), (2, "vector")] {
+        let page = [40, 0, 4, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0x51, 3, 0, 9, 9, 9, 9, 0];
+        put("cold", &format!("{name}-page"), &[&[kind][..], &page].concat())?;
+        put(
+            "cold",
+            &format!("{name}-model"),
+            &[&[kind | 1 << 2, 40, 0, 60, 0][..], &[0, 0, 255, 0, 1, 0x88, 0]].concat(),
+        )?;
+        put("cold", &format!("{name}-words"), &[&[kind | 2 << 2, 200][..], &[7, 0, 0, 0].repeat(150)].concat())?;
+        for which in [1u8, 9, 30] {
+            put("cold", &format!("{name}-same-{which}"), &[kind | 3 << 2, which, 0])?;
+            put("cold", &format!("{name}-changed-{which}"), &[kind | 3 << 2, which, 0, 20, 0, 5, 33, 0, 77])?;
+        }
+    }
+
     put("open", "leaf", &[3])?;
     put("open", "tree", &[3 | 1 << 2])?;
     put("open", "two", &[3 | 2 << 2])?;

@@ -72,7 +72,7 @@ fn depths(layers: &ExrLayers, square: Square) -> Vec<[u64; 2]> {
 
 fn bake(layers: &ExrLayers, square: Square, folder: &Folder) {
     let target = folder.0.join("map.umb");
-    let budget = LayersOptions { memory_bytes: None };
+    let budget = LayersOptions::default();
     let on_lattice = match bake_layers(&[layers], &budget, &target, &Progress::default()) {
         Ok(_) => LatticeLayers::new(layers, &|| true).expect("layers that were baked"),
         Err(e @ (LayersError::Depth { .. } | LayersError::Projection { .. } | LayersError::Bake(_))) => {

@@ -5,6 +5,7 @@
 //! - [`page`]: `mh::check` accepts just what a naive walk accepts, and every node it counts is found by a lookup; a
 //!   `vector` page that is accepted answers at every node as plain arithmetic on its words does ([`vector_page`]), an `mmh` page
 //!   as a plain recursion does ([`mmh_page`]);
+//! - [`cold`]: any bytes decode to nothing or to the words asked for, and any words come back from their cold form;
 //! - [`roundtrip`]: intervals and trees come back from the file as a naive evaluation has them, at every level;
 //! - [`query_agrees`]: on the device an accepted file gives the reader's answers, to the bit;
 //! - [`scene`]: a mesh file that is accepted is a sound mesh that can be baked; refusals are one line;
@@ -18,6 +19,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod cold;
 pub mod input;
 pub mod intervals;
 pub mod layers;

@@ -5,9 +5,10 @@ use std::path::Path;
 #[test]
 fn kept_inputs_hold_their_claims() {
     type Target = fn(&[u8]);
-    let targets: [(&str, Target); 7] = [
+    let targets: [(&str, Target); 8] = [
         ("open", umbrage_fuzz::open::run),
         ("page", umbrage_fuzz::page::run),
+        ("cold", umbrage_fuzz::cold::run),
         ("roundtrip", umbrage_fuzz::roundtrip::run),
         ("query_agrees", umbrage_fuzz::query_agrees::run),
         ("scene", umbrage_fuzz::scene::run),

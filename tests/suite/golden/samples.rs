@@ -1,13 +1,14 @@
 //! Files that break one rule each: a golden file, the bytes that change, and which checksums are made good behind them.
 
 use umbrage::format::checksum::{FileId, block_crc, content_hash, page_crc};
+use umbrage::format::cold;
 use umbrage::format::kind::vector::Layout;
 use umbrage::format::record::{Field, RECORDS};
-use umbrage::format::{Header, SectionRecord};
+use umbrage::format::{Header, Kind, SectionRecord};
 use umbrage::reader::Limits;
 
 use super::named;
-use At::{Block, Gap, Page, Part, Record, Root, Section, Structure};
+use At::{Block, Cold, Contents, Gap, Page, Part, Record, Root, Section, Structure};
 use Seal::{All, Head, Index, Nothing, Records};
 
 /// What of a file changes.
@@ -34,6 +35,10 @@ pub enum At {
     Part(usize, &'static str, usize, usize),
     /// The byte before a section, or before a page of structure 0.
     Gap(&'static str, usize),
+    /// A byte of a section's contents.
+    Contents(usize, usize),
+    /// A byte of a cold page of structure 0, as stored.
+    Cold(usize, usize),
     /// The whole file.
     File(&'static str),
 }
@@ -197,6 +202,15 @@ const ROWS: &[Row] = &[
     ("page.crc", "example", Page(1, 2, 0), &[0], Nothing),
     ("page.hash", "example", Record(0, 1, "content_hash"), &[0], Index),
     ("page.cold", "example", Record(0, 1, "cold_words"), &[4], All),
+    // Fewer halves than the states take.
+    ("page.cold", "cold", Cold(1, 0), &[0, 0], All),
+    ("page.hash", "cold", Record(0, 1, "content_hash"), &[0], Index),
+    ("section.structure", "cold", Section(6, "structure"), &[0], Head),
+    ("section.structure", "cold", Section(4, "structure"), &[3], Head),
+    ("section.crc", "cold", Section(4, "crc32"), &[0, 0], Head),
+    // What counts as near; no zeros in a row of zeros.
+    ("cold.model", "cold", Contents(4, 0), &[41], All),
+    ("cold.model", "cold", Contents(4, 1), &[0, 0], All),
     ("page.tag", "example", Page(1, 0, 0), &[2], All),
     ("page.children", "example", Page(1, 0, 2), &[9], All),
     ("page.length", "example", Page(1, 1, 0), &[1], All),
@@ -468,6 +482,8 @@ pub fn position(bytes: &[u8], at: At) -> usize {
             index(bytes, s) + ordinal / per_block * block + 64 + 64 * (ordinal % per_block)
         }
         Page(ordinal, word, byte) => offset(bytes, Record(0, ordinal, "offset")) + 4 * word + byte,
+        Cold(ordinal, byte) => offset(bytes, Record(0, ordinal, "offset")) + byte,
+        Contents(i, byte) => offset(bytes, Section(i, "offset")) + byte,
         Part(ordinal, part, word, byte) => {
             let start = offset(bytes, Record(0, ordinal, "offset"));
             let words: Vec<u32> =
@@ -522,6 +538,8 @@ impl std::fmt::Display for At {
             Page(_, word @ (0 | 1), _) => write!(f, "word {word} of the frame"),
             Page(..) => f.write_str("a node's word"),
             Gap(what, _) => write!(f, "bytes before a {what}"),
+            Cold(..) => f.write_str("a cold page"),
+            Contents(..) => f.write_str("a model of cold pages"),
             At::File(what) => f.write_str(what),
             at => {
                 let (record, name) = at.record().unwrap_or_default();
@@ -545,6 +563,19 @@ pub fn repair(bytes: &mut [u8], seal: Seal) {
     let range = |bytes: &[u8], at: usize, n: usize| Some(bytes.get(at..at.checked_add(n)?)?.to_vec());
     for s in 0..count {
         let record = structures.saturating_add(512 * s);
+        // The model of its cold pages.
+        let owner = |i: usize| {
+            number(bytes, Header::BYTES + i * SectionRecord::BYTES + field("SectionRecord", "structure").offset, 4)
+        };
+        let section = (0..table.len()).find(|i| table[*i].0 == 4 && owner(*i) == s as u64);
+        let contents = section.and_then(|i| range(bytes, table[i].1, table[i].2));
+        if let (Some(i), Some(contents), true) = (section, &contents, seal >= All) {
+            let at = Header::BYTES + i * SectionRecord::BYTES + field("SectionRecord", "crc32").offset;
+            put(bytes, at, &plain_crc(contents).to_le_bytes());
+        }
+        let kind =
+            Kind::from_code(number(bytes, record.saturating_add(field("StructureRecord", "kind").offset), 4) as u32);
+        let model = contents.as_ref().zip(kind).and_then(|(bytes, kind)| cold::Model::read(kind, bytes));
         if seal >= Index {
             let index = index(bytes, s);
             let get = |f: &str, n| number(bytes, record.saturating_add(field("StructureRecord", f).offset), n);
@@ -560,13 +591,17 @@ pub fn repair(bytes: &mut [u8], seal: Seal) {
                     let Some(page) = range(bytes, get("offset", 8), 4 * words).filter(|_| seal >= All) else {
                         continue;
                     };
+                    let (is_cold, hot_words) = (get("cold_words", 2) != 0, get("hot_words", 2) as u16);
                     let crc = page_crc(&id, s as u32, (b * per + i) as u32, &page);
                     put(bytes, r.saturating_add(field("PageRecord", "crc32").offset), &crc.to_le_bytes());
-                    put(
-                        bytes,
-                        r.saturating_add(field("PageRecord", "content_hash").offset),
-                        &content_hash(&page).to_le_bytes(),
-                    );
+                    let hash = r.saturating_add(field("PageRecord", "content_hash").offset);
+                    // Of a cold page the hash is of what it decodes to; where it doesn't, nobody asks for it.
+                    if !is_cold {
+                        put(bytes, hash, &content_hash(&page).to_le_bytes());
+                    } else if let Some(words) = model.as_ref().and_then(|m| cold::decode(m, &page, hot_words)) {
+                        let hot: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
+                        put(bytes, hash, &content_hash(&hot).to_le_bytes());
+                    }
                 }
                 if let Some(block_bytes) = range(bytes, block, 1 << log2) {
                     put(bytes, block, &block_crc(&id, s as u32, b as u32, &block_bytes[4..]).to_le_bytes());

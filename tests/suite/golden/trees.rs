@@ -68,6 +68,7 @@ fn make() -> Vec<Golden> {
             vec![("sun", 5, vector_tree::grow(&mut |n| dice.roll(n), 5, true, 6)), ("lamp", 0, single())],
         ),
         later(),
+        cold(),
     ]
 }
 
@@ -121,7 +122,7 @@ fn nodes() -> Naive {
 type Part<'a> = (&'static str, u8, &'a [u8], Vec<Naive>);
 
 fn golden(name: &'static str, alignment_log2: u8, parts: Vec<Part<'_>>) -> Golden {
-    let options = ContainerOptions { file_id: ID, alignment_log2 };
+    let options = ContainerOptions { alignment_log2, ..ContainerOptions::new(ID) };
     let files: Vec<_> = parts
         .iter()
         .map(|(name, log2, cuts, trees)| {
@@ -172,8 +173,30 @@ fn describe(r: &mut PageRecord, tree: &Naive, log2: u8) {
     r.stop_error = if is_root { u32::MAX } else { stop }.into();
 }
 
+/// Cold pages of every kind.
+fn cold() -> Golden {
+    const LOG2: u8 = 5;
+    let tree = grow(&mut Dice(8), LOG2, true, 6);
+    let plain = ordered(std::slice::from_ref(&tree), LOG2, &[4]);
+    let (merged_tree, merged_record, merged_pages) = merged_parts("merged");
+    let mut dice = Dice(33);
+    let vector = ("vector", LOG2, vector_tree::grow(&mut |n| dice.roll(n), LOG2, true, 6));
+    let (record, pages) = vector_pages(&vector);
+    let parts =
+        [(structure("plain", Kind::Mh, LOG2, plain.len()), plain), (merged_record, merged_pages), (record, pages)];
+    let bytes = write("golden-cold", ContainerOptions::cold(ID), &parts);
+    let trees = [Tree::Mh(tree), Tree::Mmh(merged_tree), Tree::Vector(vector.2)];
+    Golden { name: "cold", bytes, trees: trees.into_iter().map(|t| vec![t]).collect() }
+}
+
 /// A file of kind `mmh`: a random tree that brings every type of node, child pages and two shared pages.
 fn merged(name: &'static str) -> Golden {
+    let (tree, record, pages) = merged_parts("sun");
+    let bytes = write(&format!("golden-{name}"), ContainerOptions::new(ID), &[(record, pages)]);
+    Golden { name, bytes, trees: vec![vec![Tree::Mmh(tree)]] }
+}
+
+fn merged_parts(name: &str) -> (Piece, StructureRecord, Vec<PageInput>) {
     const LOG2: u8 = 5;
     let (tree, mut pages, shared) = (1..)
         .map(|seed| {
@@ -192,30 +215,30 @@ fn merged(name: &'static str) -> Golden {
         let above = tree.lookup(LOG2, x0, y0, r.log2_x);
         p.record.stop_error = texels.map(|(x, y)| tree.lookup(LOG2, x, y, 0).abs_diff(above)).max().unwrap_or(0).into();
     }
-    let record = mmh_tree::structure("sun", LOG2, &pages, shared);
-    let bytes = write(&format!("golden-{name}"), ContainerOptions::new(ID), &[(record, pages)]);
-    Golden { name, bytes, trees: vec![vec![Tree::Mmh(tree)]] }
+    let record = mmh_tree::structure(name, LOG2, &pages, shared);
+    (tree, record, pages)
 }
 
 /// Files of kind `vector`, one root a structure.
 fn vectors(name: &'static str, parts: Vec<(&'static str, u8, Node)>) -> Golden {
-    let file = |(name, log2, tree): &(&'static str, u8, Node)| {
-        let mut pages = vector_tree::pages(tree, *log2);
-        // As if the interval of each texel were its value alone.
-        for p in pages.iter_mut().skip(1) {
-            let r = p.record;
-            let texels = (0..1u32 << r.log2_x).flat_map(|y| (0..1u32 << r.log2_x).map(move |x| (x, y)));
-            let away = |(x, y): (u32, u32)| {
-                let (x, y) = (r.origin_x.get() + x, r.origin_y.get() + y);
-                tree.lookup(*log2, x, y, 0).abs_diff(tree.lookup(*log2, x, y, r.log2_x))
-            };
-            p.record.stop_error = texels.map(away).max().unwrap_or(0).into();
-        }
-        (structure(name, Kind::Vector, *log2, pages.len()), pages)
-    };
-    let files: Vec<_> = parts.iter().map(file).collect();
+    let files: Vec<_> = parts.iter().map(vector_pages).collect();
     let bytes = write(&format!("golden-{name}"), ContainerOptions::new(ID), &files);
     Golden { name, bytes, trees: parts.into_iter().map(|p| vec![Tree::Vector(p.2)]).collect() }
+}
+
+fn vector_pages((name, log2, tree): &(&'static str, u8, Node)) -> (StructureRecord, Vec<PageInput>) {
+    let mut pages = vector_tree::pages(tree, *log2);
+    // As if the interval of each texel were its value alone.
+    for p in pages.iter_mut().skip(1) {
+        let r = p.record;
+        let texels = (0..1u32 << r.log2_x).flat_map(|y| (0..1u32 << r.log2_x).map(move |x| (x, y)));
+        let away = |(x, y): (u32, u32)| {
+            let (x, y) = (r.origin_x.get() + x, r.origin_y.get() + y);
+            tree.lookup(*log2, x, y, 0).abs_diff(tree.lookup(*log2, x, y, r.log2_x))
+        };
+        p.record.stop_error = texels.map(away).max().unwrap_or(0).into();
+    }
+    (structure(name, Kind::Vector, *log2, pages.len()), pages)
 }
 
 /// A map of one texel and one plane.

@@ -47,6 +47,11 @@ impl BlockBuilder {
         (self.room - self.dependencies.len()).min(usize::from(MAX_DEPENDENCIES))
     }
 
+    /// Whether the block has no records yet.
+    pub(super) fn is_empty(&self) -> bool {
+        self.records.is_empty()
+    }
+
     /// Whether the block has all its records.
     pub(super) fn is_full(&self) -> bool {
         self.records.len() == self.capacity

@@ -12,27 +12,31 @@
 //! Every page and every block is checked with the rules of `umbrage_format` before it is written, so that the writer
 //! leaves no file that the reader refuses.
 
+mod aside;
 mod block;
 mod error;
 mod target;
 
 use std::collections::VecDeque;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use umbrage_format::checksum::{content_hash, header_crc, page_crc};
+use umbrage_format::checksum::{SectionCrc, content_hash, header_crc, page_crc};
 use umbrage_format::header::{ALIGNMENT_LOG2, DEFAULT_ALIGNMENT_LOG2, MAGIC, VERSION_MAJOR, VERSION_MINOR, align_up};
 use umbrage_format::index::{BlockHeader, IndexContext, MAX_PAGE_WORDS};
 use umbrage_format::kind::mmh::References;
 use umbrage_format::kind::tree::{self, Link};
 use umbrage_format::page::{FrameHead, PageContext, check_frame};
-use umbrage_format::section::{INDEX, NO_STRUCTURE, PAGES, REQUIRED, STRUCTURES, check_table};
+use umbrage_format::section::{COLD, INDEX, NO_STRUCTURE, PAGES, REQUIRED, STRUCTURES, check_table};
 use umbrage_format::{FileId, Header, Kind, PageRecord, SectionRecord, StructureRecord};
 use zerocopy::IntoBytes;
 
 pub use error::WriteError;
 pub use target::Target;
 
+use aside::Aside;
 use block::BlockBuilder;
+
+use crate::cold::Tally;
 
 /// What holds for the whole file.
 #[derive(Clone, Copy, Debug)]
@@ -41,12 +45,20 @@ pub struct ContainerOptions {
     pub file_id: FileId,
     /// Pages start at multiples of `1 << alignment_log2` bytes, 2 to 16.
     pub alignment_log2: u8,
+    /// Store pages in their cold form, where that is shorter; root pages stay as they are queried, so that a first look
+    /// needs no model.
+    pub cold: bool,
 }
 
 impl ContainerOptions {
     /// Options with pages on cache lines.
     pub fn new(file_id: FileId) -> Self {
-        Self { file_id, alignment_log2: DEFAULT_ALIGNMENT_LOG2 }
+        Self { file_id, alignment_log2: DEFAULT_ALIGNMENT_LOG2, cold: false }
+    }
+
+    /// Options with cold pages, one directly behind the other: nobody maps them.
+    pub fn cold(file_id: FileId) -> Self {
+        Self { file_id, alignment_log2: *ALIGNMENT_LOG2.start(), cold: true }
     }
 }
 
@@ -78,6 +90,9 @@ pub struct ContainerWriter {
     header: Header,
     sections: Vec<SectionRecord>,
     structures: Vec<StructureRecord>,
+    /// Which of them have cold pages.
+    cold: Vec<bool>,
+    path: PathBuf,
     /// Structure that the next page belongs to.
     current: usize,
     state: StructureState,
@@ -100,6 +115,8 @@ struct StructureState {
     /// What nodes said of groups in shared pages to come.
     references: References,
     block: BlockBuilder,
+    /// Where pages wait that become cold ones.
+    aside: Option<Aside>,
 }
 
 impl ContainerWriter {
@@ -116,13 +133,33 @@ impl ContainerWriter {
         options: ContainerOptions,
         structures: Vec<StructureRecord>,
     ) -> Result<Self, WriteError> {
+        let cold = vec![options.cold; structures.len()];
+        Self::create_each(target, options, structures, cold)
+    }
+
+    /// As [`create`](Self::create), with a word for each structure whether its pages become cold ones. Kinds without a
+    /// layout have no cold pages.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn create_each(
+        target: &Path,
+        options: ContainerOptions,
+        structures: Vec<StructureRecord>,
+        mut cold: Vec<bool>,
+    ) -> Result<Self, WriteError> {
         let structures = prepare(structures, &options)?;
-        let header = header(&options, structures.len())?;
+        cold.resize(structures.len(), false);
+        cold.iter_mut().zip(&structures).for_each(|(c, s)| *c &= s.kind().is_some_and(Kind::has_layout));
+        let models = cold.iter().filter(|c| **c).count();
+        let header = header(&options, structures.len(), models)?;
         let mut writer = Self {
             target: Target::create(target)?,
             header,
             sections: Vec::new(),
             structures,
+            cold,
+            path: target.to_path_buf(),
             current: 0,
             state: StructureState::default(),
             pages: 0,
@@ -135,7 +172,7 @@ impl ContainerWriter {
     /// Places the sections whose sizes are known, all but the lengths of the page sections.
     fn lay_out(&mut self) -> Result<(), WriteError> {
         let count = self.structures.len();
-        let mut end = (Header::BYTES + (1 + 2 * count) * SectionRecord::BYTES) as u64;
+        let mut end = Header::BYTES as u64 + self.header.table_bytes();
         let mut section = |kind: u32, structure: u32, length: u64| {
             let mut s = SectionRecord::zeroed();
             let offset = align_up(end, SectionRecord::alignment(kind, &self.header));
@@ -148,27 +185,35 @@ impl ContainerWriter {
         for (i, s) in (0u32..).zip(&self.structures) {
             section(INDEX, i, u64::from(s.block_count()) * s.block_bytes());
         }
-        // The first page section follows; the others are placed when the one before is full.
-        let end = align_up(end, SectionRecord::alignment(PAGES, &self.header));
+        // The first pages follow; the others are placed when those before are written.
         self.state.end = end;
-        self.target.pad_to(end)
+        Ok(())
     }
 
-    /// Starts the pages of the current structure.
+    /// Starts the pages of the current structure; those that become cold ones are put aside first.
     fn begin(&mut self) -> Result<(), WriteError> {
-        let start = align_up(self.state.end, SectionRecord::alignment(PAGES, &self.header));
-        self.target.pad_to(start)?;
-        let mut s = SectionRecord::zeroed();
-        (s.kind, s.flags, s.structure) = (PAGES.into(), REQUIRED.into(), number(self.current).into());
-        s.offset = start.into();
-        self.sections.push(s);
+        let record = &self.structures[self.current];
+        let tally = record.kind().filter(|_| self.cold[self.current]).and_then(Tally::new);
         self.state = StructureState {
-            first_child: self.structures[self.current].root_count.get(),
-            end: start,
-            block: BlockBuilder::new(&self.structures[self.current]),
+            first_child: record.root_count.get(),
+            end: self.state.end,
+            block: BlockBuilder::new(record),
+            aside: tally.map(|tally| Aside::new(&self.path, tally)).transpose()?,
             ..StructureState::default()
         };
-        Ok(())
+        if self.state.aside.is_some() { Ok(()) } else { self.open_section(PAGES, 0, 0).map(drop) }
+    }
+
+    /// Places a section of the current structure behind what is written; returns where it starts.
+    fn open_section(&mut self, kind: u32, length: u64, crc: u32) -> Result<u64, WriteError> {
+        let start = align_up(self.state.end, SectionRecord::alignment(kind, &self.header));
+        self.target.pad_to(start)?;
+        let mut s = SectionRecord::zeroed();
+        (s.kind, s.flags, s.structure) = (kind.into(), REQUIRED.into(), number(self.current).into());
+        (s.offset, s.length, s.crc32) = (start.into(), length.into(), crc.into());
+        self.sections.push(s);
+        self.state.end = start + length;
+        Ok(start)
     }
 
     /// Adds the next page of the current structure; behind the last page of one structure follows the first of the
@@ -185,39 +230,78 @@ impl ContainerWriter {
         let head = FrameHead::decode(&page.words).filter(|_| page.words.len() <= usize::from(MAX_PAGE_WORDS)).ok_or(
             WriteError::PageLength { structure: number, ordinal, words: page.words.len(), most: MAX_PAGE_WORDS },
         )?;
-        let bytes: Vec<u8> = page.words.iter().flat_map(|w| w.to_le_bytes()).collect();
         let mut record = page.record;
-        let start = align_up(self.state.end, self.header.alignment());
-        record.offset = start.into();
-        record.content_hash = content_hash(&bytes).into();
-        record.crc32 = page_crc(&self.header.file_id, number, ordinal, &bytes).into();
         record.first_child = if ordinal < structure.tree_pages() { self.state.first_child } else { 0 }.into();
         record.child_count = head.child_refs.into();
         // At most MAX_PAGE_WORDS, checked above.
         record.hot_words = (page.words.len() as u16).into();
-        record.cold_words = 0.into();
         // More than fit are refused below; their place in the block is known then.
         record.dep_count = (page.dependencies.len().min(usize::from(u16::MAX)) as u16).into();
         self.check(page, &head, &record)?;
-        if !self.state.block.push(&mut record, &page.dependencies) {
+        if let Some(aside) = &mut self.state.aside {
+            aside.push(&record, &page.words, &page.dependencies)?;
+        } else {
+            self.place(record, ordinal, &page.words, None, &page.dependencies)?;
+        }
+        self.state.first_child = self.state.first_child.saturating_add(head.child_refs.into());
+        self.state.ordinal += 1;
+        self.pages += 1;
+        if self.state.ordinal == structure.page_count.get() {
+            self.bring_back()?;
+            if !self.state.block.is_empty() {
+                self.write_block()?;
+            }
+            self.end_structure()?;
+        }
+        Ok(())
+    }
+
+    /// Writes a page that has been checked to its place, and the index block that it fills.
+    fn place(
+        &mut self,
+        mut record: PageRecord,
+        ordinal: u32,
+        words: &[u32],
+        cold: Option<Vec<u8>>,
+        dependencies: &[u32],
+    ) -> Result<(), WriteError> {
+        let number = number(self.current);
+        let hot: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
+        let stored = cold.as_ref().unwrap_or(&hot);
+        let start = align_up(self.state.end, self.header.alignment());
+        record.offset = start.into();
+        record.content_hash = content_hash(&hot).into();
+        record.crc32 = page_crc(&self.header.file_id, number, ordinal, stored).into();
+        // Shorter than the page.
+        record.cold_words = cold.as_ref().map_or(0, |cold| (cold.len() / 4) as u16).into();
+        if !self.state.block.push(&mut record, dependencies) {
             let room = self.state.block.dependency_room();
-            return Err(WriteError::Dependencies { structure: number, ordinal, count: page.dependencies.len(), room });
+            return Err(WriteError::Dependencies { structure: number, ordinal, count: dependencies.len(), room });
         }
         if ordinal == 0 {
             self.structures[self.current].root_page = record;
         }
         self.target.pad_to(start)?;
-        self.target.append(&bytes)?;
+        self.target.append(stored)?;
         self.state.end = record.end();
-        self.state.first_child = self.state.first_child.saturating_add(head.child_refs.into());
-        self.state.ordinal += 1;
-        self.pages += 1;
-        let last = self.state.ordinal == structure.page_count.get();
-        if last || self.state.block.is_full() {
-            self.write_block()?;
-        }
-        if last {
-            self.end_structure()?;
+        if self.state.block.is_full() { self.write_block() } else { Ok(()) }
+    }
+
+    /// Writes the model and the pages that were put aside, if they were.
+    fn bring_back(&mut self) -> Result<(), WriteError> {
+        let Some(aside) = self.state.aside.take() else { return Ok(()) };
+        let (tables, mut pages) = aside.finish()?;
+        let mut crc = SectionCrc::default();
+        crc.update(tables.section());
+        self.open_section(COLD, tables.section().len() as u64, crc.finish())?;
+        self.target.append(tables.section())?;
+        self.open_section(PAGES, 0, 0)?;
+        let roots = self.structures[self.current].root_count.get();
+        let mut ordinal = 0;
+        while let Some(page) = pages.next()? {
+            let cold = if ordinal < roots { None } else { tables.encode(&page.words) };
+            self.place(page.record, ordinal, &page.words, cold, &page.dependencies)?;
+            ordinal += 1;
         }
         Ok(())
     }
@@ -326,7 +410,7 @@ fn number(index: usize) -> u32 {
     index as u32
 }
 
-fn header(options: &ContainerOptions, structures: usize) -> Result<Header, WriteError> {
+fn header(options: &ContainerOptions, structures: usize, models: usize) -> Result<Header, WriteError> {
     if !ALIGNMENT_LOG2.contains(&options.alignment_log2) {
         return Err(WriteError::Alignment { found: options.alignment_log2 });
     }
@@ -336,7 +420,7 @@ fn header(options: &ContainerOptions, structures: usize) -> Result<Header, Write
     h.header_bytes = (Header::BYTES as u32).into();
     h.file_id = options.file_id;
     h.alignment_log2 = options.alignment_log2;
-    h.section_count = (1 + 2 * number(structures)).into();
+    h.section_count = (1 + 2 * number(structures) + number(models)).into();
     h.structure_count = number(structures).into();
     Ok(h)
 }
@@ -346,7 +430,7 @@ fn prepare(
     mut structures: Vec<StructureRecord>,
     options: &ContainerOptions,
 ) -> Result<Vec<StructureRecord>, WriteError> {
-    // Two sections each, counted in u32.
+    // At most three sections each, counted in u32.
     if structures.is_empty() || structures.len() > (u32::MAX / 4) as usize {
         return Err(WriteError::StructureCount { found: structures.len() });
     }

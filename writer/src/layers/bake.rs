@@ -12,7 +12,7 @@ use xxhash_rust::xxh3::Xxh3;
 
 use super::{DepthScale, DepthSource, LatticeLayers, LayersError, Second, TileBuffer, projection};
 use crate::bake::{
-    BakeError, GENERATOR, PROGRAM, SPOOL_LEAST, Seconds, TOP, check_names, guard, memory_error, spool, write,
+    BakeError, GENERATOR, PROGRAM, SPOOL_LEAST, Seconds, TOP, check_names, container, guard, memory_error, spool, write,
 };
 use crate::frame;
 use crate::hierarchy::build::{Counts, Progress, Tree};
@@ -23,6 +23,8 @@ use crate::hierarchy::layers::build;
 pub struct LayersOptions {
     /// Most bytes that may be held at once; none: no limit.
     pub memory_bytes: Option<u64>,
+    /// Store pages in their cold form.
+    pub cold: bool,
 }
 
 /// What became of one source.
@@ -75,7 +77,7 @@ pub fn bake_layers(
         (LayersError::Stopped, ..) => BakeError::Cancelled.into(),
         (e, ..) => e,
     };
-    let file_id = file_id(sources);
+    let file_id = file_id(sources, options.cold);
     let mut seconds = Seconds::default();
     let mut done: Vec<(StructureRecord, Tree, LayersReport)> = Vec::new();
     for &source in sources {
@@ -109,7 +111,7 @@ pub fn bake_layers(
     }
     let start = Instant::now();
     let (trees, lights): (Vec<_>, Vec<_>) = done.into_iter().map(|(r, t, report)| ((r, t.into()), report)).unzip();
-    let written = write(target, file_id, trees, progress)?;
+    let written = write(target, container(file_id, options.cold), trees, progress)?;
     seconds.write = start.elapsed().as_secs_f64();
     Ok(BakedLayers { lights, bytes: written.bytes, file_id, seconds })
 }
@@ -129,7 +131,7 @@ fn check_memory(sources: &[&dyn DepthSource], options: &LayersOptions) -> Result
 }
 
 /// Hash of the callers' keys, the options, format and generator version.
-fn file_id(sources: &[&dyn DepthSource]) -> FileId {
+fn file_id(sources: &[&dyn DepthSource], cold: bool) -> FileId {
     let mut h = Xxh3::new();
     let number = |h: &mut Xxh3, v: u64| h.update(&v.to_le_bytes());
     let text = |h: &mut Xxh3, bytes: &[u8]| {
@@ -154,6 +156,9 @@ fn file_id(sources: &[&dyn DepthSource]) -> FileId {
         };
         [kind, f64::to_bits(near), f64::to_bits(far)].iter().for_each(|v| number(&mut h, *v));
         text(&mut h, &s.key());
+    }
+    if cold {
+        number(&mut h, 2);
     }
     h.digest128().to_le_bytes()
 }

@@ -4,6 +4,7 @@ pub mod accuracy;
 pub mod bake;
 pub mod baselines;
 pub mod check;
+pub mod cold;
 pub mod levels;
 pub mod merge;
 pub mod query;

@@ -115,6 +115,7 @@ pub fn bake_to(mesh: &Mesh, case: &Case, target: &Path) -> Result<u64, BakeError
         top_down: false,
         mmh: Default::default(),
         memory_bytes: None,
+        cold: false,
     };
     Ok(bake(mesh, &options, target, &Default::default())?.bytes)
 }

@@ -39,6 +39,7 @@ impl Refused {
             top_down: false,
             mmh: Default::default(),
             memory_bytes: None,
+            cold: false,
         };
         bake(&self.mesh, &options, target, &Default::default())
     }

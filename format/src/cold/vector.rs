@@ -1,0 +1,545 @@
+//! The walk of kind `vector`: counts, the topology, then the entries of the nodes from the root group down, then the
+//! palette. Ranks, stubs and widths follow from these and are not stored.
+//!
+//! A builder makes entries as it goes over the map, so nodes in preorder name new ones nearly in the palette's order: an
+//! index is one of the last 32, or is told from the one that was new in its class before. Parts of splits and masks are
+//! told in the same way.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::tree::GROUPS;
+use super::{Coder, Model, frame, low, plain, put, unzigzag, word, zigzag};
+use crate::kind::Kind;
+use crate::kind::vector::{BLOCK_GROUPS, BLOCK_WORDS, Header, MAX_GROUPS, TOPOLOGY, packed};
+use crate::structure::MAX_LOG2_RESOLUTION;
+
+const COUNTS: usize = plain::COUNT;
+/// Types of groups by their node.
+const TYPES: usize = COUNTS + 6;
+/// Indexes by the one before and by whether the node is inner.
+const INDEXES: usize = TYPES + 8;
+const CONSTANTS: usize = INDEXES + 14;
+const SLOPES: usize = CONSTANTS + 1;
+const KNOWN_SLOPES: usize = SLOPES + 1;
+/// Offsets of planes: of new slopes, and of those that a plane before has.
+const OFFSETS: usize = KNOWN_SLOPES + 1;
+const LINES: usize = OFFSETS + 2;
+const LINE_SLOPES: usize = LINES + 1;
+const LINE_OFFSETS: usize = LINE_SLOPES + 1;
+const SPLIT_LINES: usize = LINE_OFFSETS + 2;
+/// Parts of splits: a by how the line was told, b by how a was.
+const SPLIT_PARTS: usize = SPLIT_LINES + 2;
+/// Places of selectors in the model.
+const SELECTORS: usize = SPLIT_PARTS + 6;
+/// Parts of masks: the first, the second, the third where a selector names it, and where none does.
+const MASK_PARTS: usize = SELECTORS + 1;
+
+/// Tables behind the plain ones.
+pub(super) const TABLES: &[(usize, u16)] = &[
+    (6, 17),
+    (8, 256),
+    (14, 224),
+    (1, 34),
+    (1, 10),
+    (1, 14),
+    (2, 50),
+    (1, 34),
+    (1, 34),
+    (2, 50),
+    (2, 24),
+    (6, 68),
+    (1, 16),
+    (4, 68),
+];
+
+/// Indexes that are told by how long ago they were.
+const RECENT: usize = 32;
+/// Lengths that the distance of a new index may have, and 0.
+const LENGTHS: usize = 16;
+/// Lines that are told by how long ago a split had them.
+const RECENT_LINES: usize = 8;
+/// Planes and lines whose slopes are told by how long ago they were.
+const RECENT_PLANES: usize = 8;
+const RECENT_SLOPES: u32 = 16;
+
+/// A page as its words have it; of no words, where numbers are read, all zero.
+struct Real<'a> {
+    words: &'a [u32],
+    header: Header,
+    starts: [u32; 10],
+}
+
+impl<'a> Real<'a> {
+    fn new(words: &'a [u32]) -> Self {
+        let header = Header::decode(words);
+        Self { words, header, starts: starts(&header, word(words, 0) >> 16) }
+    }
+
+    fn at(&self, section: usize, i: usize) -> u32 {
+        word(self.words, self.starts.get(section).map_or(usize::MAX, |s| (*s as usize).saturating_add(i)))
+    }
+
+    fn bits(&self, section: usize, width: u32, i: u32) -> u32 {
+        packed(self.words, self.starts.get(section).copied().unwrap_or(u32::MAX), width, i)
+    }
+}
+
+/// First word of each section.
+fn starts(h: &Header, refs: u32) -> [u32; 10] {
+    let mut end = TOPOLOGY;
+    h.section_words(u16::try_from(refs).unwrap_or(u16::MAX)).map(|length| {
+        let start = end;
+        end += length;
+        start
+    })
+}
+
+/// A group of the topology.
+#[derive(Clone, Copy)]
+struct Group {
+    mask: u8,
+    /// Group below its first child that has children.
+    below: u32,
+    /// Index of its first node with an entry.
+    entries: u32,
+}
+
+pub(super) fn walk<C: Coder>(c: &mut C, model: &Model, words: &[u32], out: &mut [u32]) -> Option<()> {
+    let (w0, w1) = frame(c, Kind::Vector, words, out)?;
+    let real = Real::new(words);
+    let h = real.header;
+    let proofs = c.bits(1, || u32::from(h.flags)) != 0;
+    let mut count = |i: usize, known: u16| u16::try_from(c.number(COUNTS + i, || known.into())).ok();
+    let (lines, constants, planes) = (count(0, h.lines)?, count(1, h.constants)?, count(2, h.planes)?);
+    let (splits, masks, raws) = (count(3, h.splits)?, count(4, h.masks)?, count(5, h.raws)?);
+    let ([_, root_mask, ..], [_, _, level, _]) = (w0.to_le_bytes(), w1.to_le_bytes());
+    if level > MAX_LOG2_RESOLUTION {
+        return None;
+    }
+    let (groups, entries) = topology(c, words, out, root_mask, level)?;
+    let mut header = Header {
+        groups: u16::try_from(groups.len()).ok()?,
+        entries: u16::try_from(entries).ok()?,
+        flags: u8::from(proofs),
+        lines,
+        constants,
+        planes,
+        splits,
+        masks,
+        raws,
+        ..Header::default()
+    };
+    [header.index_bits, ..] = header.needed_bits().to_le_bytes();
+    for (i, word) in (2..).zip(header.encode()) {
+        put(out, i, word)?;
+    }
+    let at = starts(&header, w0 >> 16);
+    let heap = at.last()? + 2 * u32::from(raws);
+    if heap as usize > out.len() || (raws == 0 && heap as usize != out.len()) {
+        return None;
+    }
+    let [_, stubs_at, indexes_at, proofs_at, lines_at, constants_at, planes_at, splits_at, masks_at, raws_at] =
+        at.map(|a| a as usize);
+    stubs(&groups, out, stubs_at, w0 >> 16)?;
+    let mut sum = 0u32;
+    let base = [0, constants, planes, splits, masks].map(|n| {
+        sum += u32::from(n);
+        sum
+    });
+    indexes(c, &real, out, &groups, &header, base, [indexes_at, proofs_at])?;
+    // Half the side of the page's square, in places.
+    let centre = 128i64 << (level + 1);
+    each_line(c, &real, out, lines_at, lines, centre)?;
+    let mut before = 0u32;
+    for i in 0..usize::from(constants) {
+        let d = c.number(CONSTANTS, || zigzag(real.at(5, i).wrapping_sub(before).cast_signed().into()));
+        before = before.wrapping_add(low(unzigzag(d).cast_unsigned()));
+        put(out, constants_at + i, before)?;
+    }
+    each_plane(c, &real, model, out, planes_at, planes, centre)?;
+    each_split(c, &real, out, splits_at, splits, base)?;
+    each_mask(c, &real, model, out, masks_at, masks, base)?;
+    // No baker writes raws yet.
+    for i in raws_at..out.len() {
+        let found = c.bits(32, || word(words, i));
+        put(out, i, found)?;
+    }
+    Some(())
+}
+
+/// Types of all groups, level by level, with their ranks; returns the groups and the number of nodes with an entry.
+fn topology<C: Coder>(c: &mut C, words: &[u32], out: &mut [u32], root: u8, level: u8) -> Option<(Vec<Group>, u32)> {
+    let most = (out.len() / BLOCK_WORDS as usize * BLOCK_GROUPS as usize).min(MAX_GROUPS.into());
+    let mut groups: Vec<Group> = Vec::with_capacity(most.min(out.len()));
+    // Table of each group to come; of the root group, whose types the frame has, none.
+    let mut tables: Vec<u8> = Vec::with_capacity(most.min(out.len()) + 4);
+    tables.push(0);
+    let (mut entries, mut level, mut next) = (0u32, level, 1usize);
+    let mut number = 0usize;
+    while let Some(&table) = tables.get(number) {
+        if number == next {
+            (level, next) = (level.saturating_sub(1), tables.len());
+        }
+        let block = TOPOLOGY as usize + number / BLOCK_GROUPS as usize * BLOCK_WORDS as usize;
+        let below = u32::try_from(tables.len()).ok()?;
+        if number.is_multiple_of(BLOCK_GROUPS as usize) {
+            put(out, block, (below - 1) & 0xFFFF | entries << 16)?;
+        }
+        let (place, shift) = (block + 1 + number % 16 / 4, 8 * (number % 4));
+        let mask = if number == 0 {
+            root
+        } else {
+            c.symbol(TYPES + usize::from(table), || word(words, place) >> shift & 0xFF).to_le_bytes()[0]
+        };
+        *out.get_mut(place)? |= u32::from(mask) << shift;
+        groups.push(Group { mask, below, entries });
+        let context = level.saturating_sub(1).min(3);
+        let (second, first) = (mask >> 1 & 0x55, mask & 0x55);
+        entries += (first ^ second).count_ones();
+        let mut rest = second;
+        while rest != 0 {
+            tables.push((first >> rest.trailing_zeros() & 1) * 4 + context);
+            rest &= rest - 1;
+        }
+        if tables.len() > most {
+            return None;
+        }
+        number += 1;
+    }
+    Some((groups, entries))
+}
+
+/// Numbers of the groups without nodes.
+fn stubs(groups: &[Group], out: &mut [u32], at: usize, refs: u32) -> Option<()> {
+    let mut count = 0usize;
+    for (number, _) in (0u32..).zip(groups).skip(1).filter(|(_, g)| g.mask == 0) {
+        if count >= refs as usize {
+            return None;
+        }
+        *out.get_mut(at + count / 2)? |= number << (16 * (count % 2));
+        count += 1;
+    }
+    (count == refs as usize).then_some(())
+}
+
+/// Puts a number of `width` bits behind `n` others; `None` outside.
+#[inline]
+fn pack(out: &mut [u32], at: usize, width: u32, n: u32, number: u32) -> Option<()> {
+    let bit = n * width;
+    let first = at + (bit / 32) as usize;
+    let bits = u64::from(number) << (bit % 32);
+    *out.get_mut(first)? |= low(bits);
+    if bit % 32 + width > 32 {
+        *out.get_mut(first + 1)? |= low(bits >> 32);
+    }
+    Some(())
+}
+
+/// Numbers of the palette at which its classes start: constants, planes, splits, masks, raws.
+type Starts = [u32; 5];
+
+/// Class of a number of the palette.
+fn class(starts: &Starts, index: u32) -> usize {
+    starts.iter().skip(1).filter(|start| index >= **start).count()
+}
+
+fn of(starts: &Starts, class: usize) -> u32 {
+    starts.get(class).copied().unwrap_or(0)
+}
+
+/// Bits of a number.
+fn length(n: u64) -> u32 {
+    u64::BITS - n.leading_zeros()
+}
+
+/// How far a number is from where one of its class is expected.
+fn ahead(number: u32, expected: u32) -> u64 {
+    zigzag(i64::from(number) - i64::from(expected))
+}
+
+/// Back from [`ahead`].
+fn from(expected: u32, ahead: u64) -> u32 {
+    expected.wrapping_add(low(unzigzag(ahead).cast_unsigned()))
+}
+
+fn indexes<C: Coder>(
+    c: &mut C,
+    real: &Real<'_>,
+    out: &mut [u32],
+    groups: &[Group],
+    header: &Header,
+    starts: Starts,
+    [at, proofs_at]: [usize; 2],
+) -> Option<()> {
+    let count = usize::from(header.entries);
+    // Nodes with an entry in preorder of their groups: index, and 1 for inner nodes. Each time four are written, whatever
+    // there is: what is too many is overwritten.
+    let mut order = vec![(0u32, 0u8); count + 4];
+    let mut pending = vec![0u32; groups.len() + 4];
+    let (mut waits, mut met) = (1usize, 0usize);
+    while let Some(top) = waits.checked_sub(1) {
+        let g = *groups.get(*pending.get(top)? as usize)?;
+        let own = GROUPS.get(usize::from(g.mask))?;
+        let mut bits = own.value;
+        for (entry, slot) in (g.entries..).zip(order.get_mut(met..met + 4)?) {
+            *slot = (entry, (bits >> 2 & 1).to_le_bytes()[0]);
+            bits >>= 8;
+        }
+        met += usize::from(own.values);
+        let nodes = u32::from(own.nodes);
+        let last = g.below.wrapping_add(nodes).wrapping_sub(1);
+        for (back, slot) in (0..).zip(pending.get_mut(top..top + 4)?) {
+            *slot = last.wrapping_sub(back);
+        }
+        waits = top + nodes as usize;
+    }
+    order.truncate(met);
+    let (proofs, width) = (header.flags != 0, u32::from(header.index_bits));
+    let mut next = starts;
+    let mut recent = vec![0u32; order.len() + RECENT];
+    let mut before = 0usize;
+    for (i, (node, inner)) in order.into_iter().enumerate() {
+        let window = recent.get_mut(i..i + RECENT + 1)?;
+        let known = real.bits(2, width, node);
+        let symbol = c.symbol(INDEXES + before * 2 + usize::from(inner), || {
+            let proven = u32::from(proofs) & real.bits(3, 1, node);
+            let ago = window.iter().rev().skip(1).position(|v| *v == known).filter(|ago| *ago < i);
+            let told = ago.unwrap_or_else(|| {
+                let class = class(&starts, known);
+                RECENT + class * LENGTHS + length(ahead(known, of(&next, class))) as usize
+            });
+            u32::try_from(told).unwrap_or(0) << 1 | proven
+        });
+        let told = (symbol >> 1) as usize;
+        // Both ways at once: which one it is can't be foreseen.
+        let (is_new, new) = (told >= RECENT, told.saturating_sub(RECENT));
+        let expected = next.get_mut(new / LENGTHS)?;
+        let d = c.rest(low((new % LENGTHS) as u64), ahead(known, *expected));
+        let fresh = from(*expected, d);
+        *expected = if is_new & (d & 1 == 0) { fresh.wrapping_add(1) } else { *expected };
+        let old = window.get((RECENT - 1).saturating_sub(told)).copied()?;
+        let index = if is_new { fresh } else { old };
+        before = if is_new { 2 + new / LENGTHS } else { usize::from(told != 0) };
+        if u64::from(index) >= 1 << width {
+            return None;
+        }
+        *window.last_mut()? = index;
+        pack(out, at, width, node, index)?;
+        if proofs {
+            *out.get_mut(proofs_at + (node / 32) as usize)? |= (symbol & 1) << (node % 32);
+        }
+    }
+    Some(())
+}
+
+/// Low 48 bits of c, with sign.
+fn line_offset(w1: u32, w2: u32) -> i64 {
+    (u64::from(w1) << 16 | u64::from(w2 & 0xFFFF) << 48).cast_signed() >> 16
+}
+
+/// How much a line rises from the page's edge to its centre.
+fn to_centre(m: u32, centre: i64) -> i64 {
+    i64::from(m.cast_signed()).wrapping_mul(centre) >> 19
+}
+
+fn each_line<C: Coder>(c: &mut C, real: &Real<'_>, out: &mut [u32], at: usize, count: u16, centre: i64) -> Option<()> {
+    for i in 0..usize::from(count) {
+        let [w0, w1, w2] = [0, 1, 2].map(|k| real.at(4, 3 * i + k));
+        let before = |ago: usize| {
+            let first = at.checked_add(3 * i.checked_sub(ago)?)?;
+            Some([out.get(first).copied()?, out.get(first + 1).copied()?, out.get(first + 2).copied()?])
+        };
+        let symbol = c.symbol(LINES, || {
+            let axis = w2 >> 16 & 1;
+            let same = |ago: &u32| before(*ago as usize).is_some_and(|l| l[0] == w0 && l[2] >> 16 & 1 == axis);
+            (1..=RECENT_SLOPES).find(same).unwrap_or(0) << 1 | axis
+        });
+        let (axis, ago) = (symbol & 1, symbol >> 1);
+        let (m, beside) = if ago == 0 {
+            (low(unzigzag(c.number(LINE_SLOPES, || zigzag(w0.cast_signed().into()))).cast_unsigned()), 0)
+        } else {
+            let [m, w1, w2] = before(ago as usize)?;
+            (m, line_offset(w1, w2))
+        };
+        let rise = if ago == 0 { to_centre(m, centre) - (centre << 12) } else { 0 };
+        let table = LINE_OFFSETS + usize::from(ago != 0);
+        let d = c.number(table, || zigzag(line_offset(w1, w2).wrapping_add(rise).wrapping_sub(beside)));
+        let offset = unzigzag(d).wrapping_sub(rise).wrapping_add(beside).cast_unsigned();
+        let first = at + 3 * i;
+        put(out, first, m)?;
+        put(out, first + 1, low(offset))?;
+        put(out, first + 2, low(offset >> 32) & 0xFFFF | axis << 16)?;
+    }
+    Some(())
+}
+
+/// Bits of gx and shift, and of gy.
+fn slopes(w1: u32, w2: u32) -> [u32; 2] {
+    [w1, w2 & 0x1FF_FFFF]
+}
+
+/// The 39 bits of an offset, with sign.
+fn plane_offset(w0: u32, w2: u32) -> i64 {
+    (u64::from(w0) << 25 | u64::from(w2 >> 25) << 57).cast_signed() >> 25
+}
+
+/// How much a plane rises from the page's corner to its centre.
+fn plane_rise([a, b]: [u32; 2], centre: i64) -> i64 {
+    let [gx, gy] = [a, b].map(|g| i64::from((g << 7).cast_signed() >> 7));
+    (gx + gy).wrapping_mul(centre) >> (a >> 25 & 63)
+}
+
+fn each_plane<C: Coder>(
+    c: &mut C,
+    real: &Real<'_>,
+    model: &Model,
+    out: &mut [u32],
+    at: usize,
+    count: u16,
+    centre: i64,
+) -> Option<()> {
+    let mut depth = 0i64;
+    for i in 0..usize::from(count) {
+        let [w0, w1, w2] = [0, 1, 2].map(|k| real.at(6, 3 * i + k));
+        let before = |ago: usize| {
+            let first = at.checked_add(3 * i.checked_sub(ago)?)?;
+            Some(slopes(out.get(first + 1).copied()?, out.get(first + 2).copied()?))
+        };
+        // The place among the model's slopes, where it is there.
+        let place = c.slopes(slopes(w1, w2));
+        let symbol = c.symbol(SLOPES, || {
+            let ago = (1..=RECENT_PLANES).find(|ago| before(*ago) == Some(slopes(w1, w2)));
+            ago.map_or(if place.is_some() { 9 } else { 0 }, |ago| u32::try_from(ago).unwrap_or(0))
+        });
+        let [a, b] = match symbol {
+            0 => [c.bits(32, || w1), c.bits(25, || w2 & 0x1FF_FFFF)],
+            9 => *model.slopes().get(usize::try_from(c.number(KNOWN_SLOPES, || place.unwrap_or(0).into())).ok()?)?,
+            ago => before(ago as usize)?,
+        };
+        let rise = plane_rise([a, b], centre);
+        let table = OFFSETS + usize::from((1..9).contains(&symbol));
+        let d = c.number(table, || zigzag(plane_offset(w0, w2).wrapping_add(rise).wrapping_sub(depth)));
+        depth = depth.wrapping_add(unzigzag(d));
+        let offset = depth.wrapping_sub(rise).cast_unsigned();
+        let first = at + 3 * i;
+        put(out, first, low(offset))?;
+        put(out, first + 1, a)?;
+        put(out, first + 2, b & 0x1FF_FFFF | low(offset >> 32) << 25)?;
+    }
+    Some(())
+}
+
+/// Symbols of a part: told by another one, then classes by [`LENGTHS`].
+const TOLD: usize = 4;
+
+/// A part of a split or mask: a number of the palette, told as one of four others or by how far it is from where the next
+/// of its class is expected.
+fn part<C: Coder>(
+    c: &mut C,
+    table: usize,
+    known: u32,
+    others: [u32; TOLD],
+    next: &mut Starts,
+    starts: &Starts,
+) -> Option<(u32, u32)> {
+    let symbol = c.symbol(table, || {
+        let told = others.iter().position(|o| *o == known).unwrap_or_else(|| {
+            let class = class(starts, known).min(3);
+            TOLD + class * LENGTHS + length(ahead(known, of(next, class))) as usize
+        });
+        u32::try_from(told).unwrap_or(0)
+    });
+    let symbol = symbol as usize;
+    let (is_new, new) = (symbol >= TOLD, symbol.saturating_sub(TOLD));
+    let expected = next.get_mut(new / LENGTHS)?;
+    let d = c.rest(low((new % LENGTHS) as u64), ahead(known, *expected));
+    let fresh = from(*expected, d);
+    *expected = if is_new { fresh.wrapping_add(1) } else { *expected };
+    let old = others.get(symbol & (TOLD - 1)).copied()?;
+    Some((if is_new { fresh } else { old }, 2 * u32::from(is_new)))
+}
+
+fn each_split<C: Coder>(
+    c: &mut C,
+    real: &Real<'_>,
+    out: &mut [u32],
+    at: usize,
+    count: u16,
+    starts: Starts,
+) -> Option<()> {
+    let mut next = starts;
+    let mut lines = [0u32; RECENT_LINES];
+    let (mut line_next, mut told, mut last) = (0u32, 0usize, [0u32; 2]);
+    for i in 0..count {
+        let known = real.at(7, i.into());
+        let symbol = c.symbol(SPLIT_LINES + told, || {
+            let line = known & 0x3FF;
+            let ago = lines.iter().position(|l| *l == line);
+            u32::try_from(ago.unwrap_or_else(|| RECENT_LINES + length(ahead(line, line_next)) as usize)).unwrap_or(0)
+        });
+        let line = match symbol.checked_sub(8) {
+            Some(length) => {
+                let line = from(line_next, c.rest(length, ahead(known & 0x3FF, line_next)));
+                line_next = line.wrapping_add(1);
+                line
+            }
+            None => lines.get(symbol as usize).copied()?,
+        };
+        told = usize::from(symbol < 8);
+        lines.rotate_right(1);
+        *lines.first_mut()? = line;
+        // A split that is a part is likely one of the last ones.
+        *next.get_mut(2)? = starts.get(2)? + u32::from(i);
+        let (a, how) = part(
+            c,
+            SPLIT_PARTS + told,
+            known >> 10 & 0x7FF,
+            [last[0], last[1], u32::MAX, u32::MAX],
+            &mut next,
+            &starts,
+        )?;
+        *next.get_mut(2)? = starts.get(2)? + u32::from(i);
+        let table = SPLIT_PARTS + 2 + how as usize + told;
+        let (b, _) = part(c, table, known >> 21, [last[1], last[0], u32::MAX, u32::MAX], &mut next, &starts)?;
+        last = [a, b];
+        put(out, at + usize::from(i), line & 0x3FF | (a & 0x7FF) << 10 | b << 21)?;
+    }
+    Some(())
+}
+
+/// Selectors that the model does not have.
+const UNKNOWN: u32 = 15;
+
+fn each_mask<C: Coder>(
+    c: &mut C,
+    real: &Real<'_>,
+    model: &Model,
+    out: &mut [u32],
+    at: usize,
+    count: u16,
+    starts: Starts,
+) -> Option<()> {
+    let mut next = starts;
+    let mut last = [0u32; 3];
+    for i in 0..usize::from(count) {
+        let [w0, w1] = [real.at(8, 2 * i), real.at(8, 2 * i + 1)];
+        let place = c.selectors(w1);
+        let symbol = c.symbol(SELECTORS, || place.map_or(UNKNOWN, |place| length(place.into())));
+        let rows = if symbol == UNKNOWN {
+            c.bits(32, || w1)
+        } else {
+            *model.selectors().get(usize::try_from(c.rest(symbol, place.unwrap_or(0).into())).ok()?)?
+        };
+        // Whether some selector is 2.
+        let third = usize::from(rows & 0xAAAA_AAAA != 0);
+        let [la, lb, lc] = last;
+        let (a, _) = part(c, MASK_PARTS, w0 & 0x3FF, [la, lb, lc, u32::MAX], &mut next, &starts)?;
+        let (b, _) = part(c, MASK_PARTS + 1, w0 >> 10 & 0x3FF, [lb, la, lc, u32::MAX], &mut next, &starts)?;
+        let (d, _) = part(c, MASK_PARTS + 3 - third, w0 >> 20 & 0x3FF, [a, lc, lb, la], &mut next, &starts)?;
+        last = [a, b, d];
+        put(out, at + 2 * i, a & 0x3FF | (b & 0x3FF) << 10 | (d & 0x3FF) << 20)?;
+        put(out, at + 2 * i + 1, rows)?;
+    }
+    Some(())
+}
