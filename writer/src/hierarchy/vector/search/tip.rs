@@ -395,7 +395,11 @@ mod tests {
             let first = (dice() * 9.0) as i64 - 4;
             let (last, begins) = (first + (dice() * 60.0) as i64 - 2, |row: i64| begin + step * row as f64);
             let mut found = Vec::new();
-            assert!(strip(first, last, begins, step, width, |r, c| Some(found.push((r, c)))).is_some());
+            let add = |r, c| {
+                found.push((r, c));
+                Some(())
+            };
+            assert!(strip(first, last, begins, step, width, add).is_some());
             let all = (first..=last).flat_map(|r| (-120..120).map(move |c| (r, c)));
             let behind = |(r, c): &(i64, i64)| *c as f64 - begins(*r);
             // what rounding may put on either side
