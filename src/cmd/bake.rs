@@ -42,10 +42,10 @@ pub struct Args {
     /// exhaustive looks at every texel, for comparison
     #[arg(long, default_value = "proofs", value_parser = ["proofs", "exhaustive"])]
     builder: String,
-    /// How kinds mh and mmh choose the value of a node: bottom-up from its four children, or top-down from all texels of
-    /// a tile of 256 x 256
-    #[arg(long, default_value = "bottom-up", value_parser = ["bottom-up", "top-down"])]
-    values: String,
+    /// How kinds mh and mmh choose the value of a node: bottom-up from its four children, as mh does without it, or
+    /// top-down from all texels of a tile of 256 x 256, as mmh does
+    #[arg(long, value_parser = ["bottom-up", "top-down"])]
+    values: Option<String>,
     /// Store pages in a shorter form that is decoded when they are loaded; answers are the same
     #[arg(long)]
     cold: bool,
@@ -115,8 +115,9 @@ pub fn run(args: Args) -> Result<(), Failure> {
     if args.kind != "mmh" && args.search.is_some() {
         return Err(Failure::new(USAGE, "--search is for --kind mmh; leave one of them out"));
     }
-    if args.values == "top-down" && (args.kind == "vector" || layers::are(&args.scene)) {
-        return Err(Failure::new(USAGE, "--values top-down is for geometry and --kind mh or mmh; leave it out"));
+    let top_down = args.values.as_ref().map_or(args.kind == "mmh", |v| v == "top-down");
+    if args.values.is_some() && (args.kind == "vector" || layers::are(&args.scene)) {
+        return Err(Failure::new(USAGE, "--values is for geometry and --kind mh or mmh; leave it out"));
     }
     if layers::are(&args.scene) {
         if args.kind != "mh" {
@@ -167,7 +168,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
             "mmh" => Kind::Mmh,
             _ => Kind::Mh,
         },
-        top_down: args.values == "top-down",
+        top_down,
         mmh: args.search.map_or_else(Default::default, |search| mmh::Options { search }),
         exhaustive: args.builder == "exhaustive",
         memory_bytes,

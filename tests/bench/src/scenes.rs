@@ -104,7 +104,7 @@ impl Model {
         folder: &Folder,
     ) -> Result<(Baked, PathBuf), Failure> {
         let file = folder.file();
-        let options = BakeOptions { kind, ..self.options(light, resolution, false) };
+        let options = BakeOptions { kind, top_down: kind == Kind::Mmh, ..self.options(light, resolution, false) };
         Ok((bake(&self.mesh, &options, &file, &Progress::default())?, file))
     }
 }

@@ -123,7 +123,7 @@ fn counts(m: &Merged) -> [u64; 4] {
 /// A bake and its seconds; the file is removed.
 fn timed(model: &Model, kind: Kind, resolution: u64, mmh: Options, folder: &Folder) -> Result<(Baked, f64), Failure> {
     let (file, start) = (folder.file(), Instant::now());
-    let options = BakeOptions { kind, mmh, ..model.options(LIGHTS[0], resolution, false) };
+    let options = BakeOptions { kind, mmh, top_down: kind == Kind::Mmh, ..model.options(LIGHTS[0], resolution, false) };
     let baked = bake(&model.mesh, &options, &file, &Default::default())?;
     let took = start.elapsed().as_secs_f64();
     remove(&file)?;
