@@ -4,6 +4,7 @@ mod cli;
 mod continuous;
 #[path = "../../examples/depth_source.rs"]
 mod depth_source;
+mod filter;
 mod flips;
 mod golden;
 mod intervals;

@@ -20,7 +20,7 @@ fn naive(r: &Receiver, side: u32, level: u8, log2: u8, value: &dyn Fn(u32, u32, 
     for j in 0..i128::from(side) {
         for i in 0..i128::from(side) {
             let (i, j) = (i - i128::from(side / 2), j - i128::from(side / 2));
-            let (x, y) = (i128::from(r.x >> level) + i << level, i128::from(r.y >> level) + j << level);
+            let (x, y) = ((i128::from(r.x >> level) + i) << level, (i128::from(r.y >> level) + j) << level);
             if !inside || x < 0 || y < 0 || x >= map || y >= map {
                 lit += 1;
                 continue;

@@ -3,6 +3,7 @@
 pub mod accuracy;
 pub mod bake;
 pub mod check;
+pub mod filter;
 pub mod levels;
 pub mod merge;
 pub mod query;
