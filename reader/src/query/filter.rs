@@ -19,11 +19,12 @@
     clippy::cast_possible_truncation
 )]
 
-/// Most texels on a side of a kernel.
-pub const MAX_SIDE: u32 = 63;
+/// Most texels on a side of a kernel. Drivers may end a shader's loops early (Mesa's software driver after 65,535 turns of
+/// all of them); two levels of so many taps stay below on any tree.
+pub const MAX_SIDE: u32 = 21;
 /// Bits of a gradient below one step of depth.
 pub const GRADIENT_BITS: u32 = 4;
-/// Bits of a [level of detail](Receiver::trilinear) below one level.
+/// Bits of a [level of detail](level_of_detail) below one level.
 pub const LOD_BITS: u32 = 8;
 
 /// A point whose shadow is asked for, on the lattice.

@@ -47,7 +47,8 @@ fn umb_rise(gradient: i32, steps: i32, level: u32) -> vec2<u32> {
 }
 
 // Taps of side `side` (1 to UMB_MAX_SIDE) on `level` around a receiver, on root `root`: together to their lowest common
-// node (figure 5), from there each by itself, unless that node answers all.
+// node (figure 5), then those below each of its children together to theirs, then each by itself, unless a node answers
+// all. The second node is never more levels above its taps than a square as large as the kernel needs.
 fn umb_pcf(root: u32, r: UmbReceiver, side: u32, level: u32) -> UmbShare {
     let n = clamp(side, 1u, UMB_MAX_SIDE);
     if umb_outside(r.x, r.y) {
@@ -57,14 +58,46 @@ fn umb_pcf(root: u32, r: UmbReceiver, side: u32, level: u32) -> UmbShare {
     let own = vec2<u32>(r.x, r.y) >> vec2<u32>(l);
     let low = own - min(own, vec2<u32>(n / 2u));
     let high = min(own + vec2<u32>(n - 1u - n / 2u), vec2<u32>((1u << (umb_top() - l)) - 1u));
-    let common = 32u - countLeadingZeros((low.x ^ high.x) | (low.y ^ high.y));
     let is_vector = umb_view.kind == UMB_KIND_VECTOR;
+    let levels = umb_common_levels(low, high);
     let together = umb_go(
-        umb_start(root, select(UMB_ROOT_GROUP, 0u, is_vector)), low.x << l, low.y << l, l + common,
+        umb_start(root, select(UMB_ROOT_GROUP, 0u, is_vector)), low.x << l, low.y << l, l + levels,
     );
+    umb_end(together);
     // Taps outside the map are lit.
     let size = high - low + vec2<u32>(1u);
     var share = UmbShare(n * n - size.x * size.y, n * n, true, UMB_NO_PAGE);
+    // A node that answers all has one part.
+    let shift = select(max(levels, 1u) - 1u, levels, together.ended);
+    let first = low >> vec2<u32>(shift);
+    let last = high >> vec2<u32>(shift);
+    for (var row = first.y; row <= last.y; row++) {
+        for (var column = first.x; column <= last.x; column++) {
+            let corner = vec2<u32>(column, row) << vec2<u32>(shift);
+            let from_texel = max(low, corner);
+            let to_texel = min(high, corner + vec2<u32>((1u << shift) - 1u));
+            let w = umb_go(
+                together, from_texel.x << l, from_texel.y << l, l + umb_common_levels(from_texel, to_texel),
+            );
+            let found = umb_part(w, r, own, from_texel, to_texel, l);
+            share.lit += found.x;
+            share.missing = min(share.missing, found.y);
+        }
+    }
+    return share;
+}
+
+// Levels from two texels up to their lowest common node, by the bits in which they differ.
+fn umb_common_levels(a: vec2<u32>, b: vec2<u32>) -> u32 {
+    return 32u - countLeadingZeros((a.x ^ b.x) | (a.y ^ b.y));
+}
+
+// Lit taps of a part that a walk has come to, and a page that was missing.
+fn umb_part(
+    together: UmbWalk, r: UmbReceiver, own: vec2<u32>, low: vec2<u32>, high: vec2<u32>, l: u32,
+) -> vec2<u32> {
+    var lit = 0u;
+    var missing = together.d.missing;
     // The entry that was decoded last, kind vector.
     var page = together.entry_page;
     var index = UMB_NO_PAGE;
@@ -89,16 +122,16 @@ fn umb_pcf(root: u32, r: UmbReceiver, side: u32, level: u32) -> UmbShare {
                 }
                 value = umb_vector_value(page, sections, entry, x << l, y << l, l);
             }
-            share.missing = min(share.missing, w.d.missing);
+            missing = min(missing, w.d.missing);
             let tap = umb_wide_sum(row, umb_rise(r.gradient.x, i32(x) - i32(own.x), l));
             let limit = vec2<u32>(value << UMB_GRADIENT_BITS, value >> (32u - UMB_GRADIENT_BITS));
             if value == UMB_UNCOVERED || umb_wide_at_least(limit, tap) {
-                share.lit += 1u;
+                lit += 1u;
             }
         }
     }
     umb_end(together);
-    return share;
+    return vec2<u32>(lit, missing);
 }
 
 // The same between two levels, `lod` in 1/256 level: both are blended.
