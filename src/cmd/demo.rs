@@ -12,7 +12,7 @@ use umbrage::writer::scene::{self, DEMO_LIGHT};
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
-use super::shadows::{Backend, Shadows, default_budget};
+use super::shadows::{Backend, Look, Shadows, default_budget};
 use super::{
     Failure, INPUT, TARGET, Watched, go_on, listen, load_scene, open, parse_resolution, picture, structure, whole,
 };
@@ -90,8 +90,15 @@ pub fn run(args: Args) -> Result<(), Failure> {
 
     let container = open(&file)?;
     let budget = args.budget.map_or_else(|| default_budget(&container), |m| m << 20);
-    let shadows = Shadows::answer(&view, &container, structure(&container, Some("sun"))?, args.backend, budget, false)?;
-    let by_map = &shadows.lit;
+    let shadows = Shadows::answer(
+        &view,
+        geometry.surface(),
+        &container,
+        structure(&container, Some("sun"))?,
+        (args.backend, budget),
+        Look::Texel,
+    )?;
+    let by_map = &shadows.lit();
     let read = container.counters();
     stage("shadows from the file");
 

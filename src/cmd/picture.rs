@@ -6,11 +6,12 @@ use rayon::prelude::*;
 use umbrage::certify::Oracle;
 use umbrage::reader::query::Map;
 use umbrage::reader::{ReaderError, Structure};
-use umbrage::render::{Placement, View};
+use umbrage::render::{Footprints, Placement, Surface, View};
 use umbrage::writer::bake::policy_of;
 use umbrage::writer::mesh::Mesh;
 use umbrage::writer::solid::{self, SnappedMesh};
 
+use super::shadows::Filter;
 use super::{Failure, INPUT, REFUSED, go_on};
 
 /// The scene as it was when this structure was baked: snapped to its lattice under its policy.
@@ -57,6 +58,22 @@ pub fn lit_by_map(view: &View, map: &Map, continuous: bool) -> Result<Vec<bool>,
         })
         .collect();
     if go_on() { Ok(answers?) } else { Err(Failure::interrupted()) }
+}
+
+/// Share of sunlight of every pixel, by the map under a filter, on the CPU; pixels without a receiver are lit.
+pub fn filtered_by_map(view: &View, surface: Surface<'_>, map: &Map, filter: Filter) -> Result<Vec<u8>, Failure> {
+    let of = Footprints::new(view, surface);
+    let coverage: Result<Vec<u8>, ReaderError> = (0..view.receivers.len())
+        .into_par_iter()
+        .map(|pixel| match of.receiver(pixel) {
+            Some(r) if go_on() => {
+                let (side, lod) = filter.at(&of, pixel);
+                Ok(map.trilinear(&r, side, lod)?.coverage())
+            }
+            _ => Ok(255),
+        })
+        .collect();
+    if go_on() { Ok(coverage?) } else { Err(Failure::interrupted()) }
 }
 
 /// Pixels that no promise covers: their texel is an edge texel, or the light sees their triangle edge-on.

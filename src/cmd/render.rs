@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use serde_json::json;
-use umbrage::render::{Camera, Scene, Shading, UpAxis, coverage, shade, write_png};
+use umbrage::render::{Camera, Scene, Shading, UpAxis, shade, write_png};
 
 use super::output::{self, line};
-use super::shadows::{Backend, Shadows, default_budget};
+use super::shadows::{Backend, Look, Shadows, default_budget, parse_filter};
 use super::{Failure, USAGE, go_on, listen, load_scene, open, parse_numbers, picture, structure, whole};
 
 /// Arguments of `render`.
@@ -41,6 +41,10 @@ pub struct Args {
     /// Look the map up at the place in the texel where it is proven there (kind vector): edges as sharp as the geometry's
     #[arg(long)]
     continuous: bool,
+    /// Soften edges by percentage-closer filtering: hard (none), pcf:N (N x N texels), hpcf (3 x 3 of the level as fine as the
+    /// pixel; hpcf:N), trilinear (the same, blended between two levels; trilinear:N)
+    #[arg(long, value_name = "FILTER", default_value = "hard", conflicts_with = "continuous", value_parser = parse_filter)]
+    filter: Look,
     /// Most memory for the streamer, MiB; half of the file without it
     #[arg(long, value_name = "MIB", allow_negative_numbers = true, value_parser = whole::<u64>(1, 1 << 20))]
     budget: Option<u64>,
@@ -75,9 +79,10 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let view = geometry.view(&camera, args.size[0], args.size[1], &go_on).ok_or_else(Failure::interrupted)?;
     let pages = structure.page_count();
     let budget = args.budget.map_or_else(|| default_budget(&container), |m| m << 20);
-    let shadows = Shadows::answer(&view, &container, structure, args.backend, budget, args.continuous)?;
+    let look = if args.continuous { Look::Place } else { args.filter };
+    let shadows = Shadows::answer(&view, geometry.surface(), &container, structure, (args.backend, budget), look)?;
     let shading = Shading { components: Some(&snapped.solid), haze: None };
-    write_png(&args.output, &shade(&view, &coverage(&shadows.lit), shading))?;
+    write_png(&args.output, &shade(&view, &shadows.coverage, shading))?;
     let read = container.counters();
     let seconds = start.elapsed().as_secs_f64();
     if args.json {

@@ -2,8 +2,9 @@
 
 use serde_json::{Value, json};
 use umbrage::reader::query::Map;
+use umbrage::reader::query::filter::{LOD_BITS, MAX_SIDE, nearest_level};
 use umbrage::reader::{Container, Structure};
-use umbrage::render::View;
+use umbrage::render::{Footprints, Surface, View, coverage};
 
 use super::{Failure, TARGET, USAGE, output, picture};
 
@@ -18,10 +19,63 @@ pub enum Backend {
     Cpu,
 }
 
+/// How the map is looked up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// The receiver's texel.
+    Texel,
+    /// Its place in the texel, where that is proven.
+    Place,
+    /// Texels around it.
+    Filtered(Filter),
+}
+
+/// A filter, with the taps on a side of its kernels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Filter {
+    /// On level 0.
+    Pcf(u32),
+    /// On the level of the pixel's footprint.
+    Hierarchical(u32),
+    /// Between the two levels around it.
+    Trilinear(u32),
+}
+
+impl Filter {
+    /// Taps on a side, and level in 1/256, at a pixel.
+    pub fn at(self, of: &Footprints<'_>, pixel: usize) -> (u32, u32) {
+        match self {
+            Filter::Pcf(side) => (side, 0),
+            Filter::Hierarchical(side) => (side, u32::from(nearest_level(of.level_of_detail(pixel))) << LOD_BITS),
+            Filter::Trilinear(side) => (side, of.level_of_detail(pixel)),
+        }
+    }
+}
+
+/// Reads the value of `--filter`.
+pub fn parse_filter(s: &str) -> Result<Look, String> {
+    let wrong = || {
+        format!(
+            "expected hard, pcf:N, hpcf or trilinear (or hpcf:N, trilinear:N), N from 1 to {MAX_SIDE} taps on a side, found '{s}'"
+        )
+    };
+    let (name, side) = match s.split_once(':') {
+        Some((name, n)) => (name, Some(n.parse().ok().filter(|n| (1..=MAX_SIDE).contains(n)).ok_or_else(wrong)?)),
+        None => (s, None),
+    };
+    match (name, side) {
+        ("hard", None) => Ok(Look::Texel),
+        ("pcf", Some(n)) => Ok(Look::Filtered(Filter::Pcf(n))),
+        ("hpcf", n) => Ok(Look::Filtered(Filter::Hierarchical(n.unwrap_or(3)))),
+        ("trilinear", n) => Ok(Look::Filtered(Filter::Trilinear(n.unwrap_or(3)))),
+        _ => Err(wrong()),
+    }
+}
+
 /// Answers and what they took.
 pub struct Shadows {
-    /// Light or shadow of every pixel; pixels without a receiver are lit.
-    pub lit: Vec<bool>,
+    /// Share of sunlight of every pixel, 0 to 255; pixels without a receiver are lit.
+    pub coverage: Vec<u8>,
     /// Who answered.
     pub by: String,
     /// Pages read.
@@ -54,46 +108,58 @@ pub fn default_budget(container: &Container) -> u64 {
 }
 
 impl Shadows {
-    /// Answers a view; `budget` is the most bytes that the streamer may hold, `continuous` asks for lookups at the places of
-    /// receivers in their texels, which the CPU answers.
+    /// Answers a view of these triangles; `budget` is the most bytes that the streamer may hold. The CPU answers what
+    /// is asked at places in texels.
     pub fn answer(
         view: &View,
+        surface: Surface<'_>,
         container: &Container,
         structure: Structure,
-        backend: Backend,
-        budget: u64,
-        continuous: bool,
+        (backend, budget): (Backend, u64),
+        look: Look,
     ) -> Result<Shadows, Failure> {
-        if continuous && backend == Backend::Gpu {
-            let message = "--continuous is answered by the CPU; leave --backend gpu out";
-            return Err(Failure::new(USAGE, message));
-        }
-        if continuous {
-            return Shadows::on_cpu(view, container, structure, "the CPU, between texel centres".to_string(), true);
+        let cpu = |by: &str| Shadows::on_cpu(view, surface, container, structure.clone(), by, look);
+        if look == Look::Place {
+            if backend == Backend::Gpu {
+                let message = "--continuous is answered by the CPU; leave --backend gpu out";
+                return Err(Failure::new(USAGE, message));
+            }
+            return cpu("the CPU, between texel centres");
         }
         if backend != Backend::Cpu {
-            match gpu::answer(view, &structure, budget) {
+            match gpu::answer(view, surface, &structure, budget, look) {
                 Err(gpu::Failed::NoDevice(why)) if backend == Backend::Auto => {
-                    return Shadows::on_cpu(view, container, structure, format!("the CPU ({why})"), false);
+                    return cpu(&format!("the CPU ({why})"));
                 }
                 Err(gpu::Failed::NoDevice(why)) => return Err(Failure::new(TARGET, why)),
                 Err(gpu::Failed::Other(failure)) => return Err(failure),
                 Ok(shadows) => return Ok(shadows),
             }
         }
-        Shadows::on_cpu(view, container, structure, "the CPU".to_string(), false)
+        cpu("the CPU")
     }
 
     fn on_cpu(
         view: &View,
+        surface: Surface<'_>,
         container: &Container,
         structure: Structure,
-        by: String,
-        continuous: bool,
+        by: &str,
+        look: Look,
     ) -> Result<Shadows, Failure> {
         let before = container.counters().pages;
-        let lit = picture::lit_by_map(view, &Map::new(structure)?, continuous)?;
-        Ok(Shadows { lit, by, pages_read: container.counters().pages - before, stream: None })
+        let map = Map::new(structure)?;
+        let coverage = match look {
+            Look::Texel => coverage(&picture::lit_by_map(view, &map, false)?),
+            Look::Place => coverage(&picture::lit_by_map(view, &map, true)?),
+            Look::Filtered(filter) => picture::filtered_by_map(view, surface, &map, filter)?,
+        };
+        Ok(Shadows { coverage, by: by.to_string(), pages_read: container.counters().pages - before, stream: None })
+    }
+
+    /// Light or shadow of every pixel of an answer that was not filtered.
+    pub fn lit(&self) -> Vec<bool> {
+        self.coverage.iter().map(|c| *c == 255).collect()
     }
 
     /// Lines for people.
@@ -126,13 +192,15 @@ impl Shadows {
 
 #[cfg(feature = "gpu")]
 mod gpu {
+    use rayon::prelude::*;
     use umbrage::reader::Structure;
-    use umbrage::render::View;
+    use umbrage::render::{Footprints, Surface, View, coverage};
     use umbrage::runtime::RuntimeError;
     use umbrage::runtime::gpu::{GpuStreamer, Headless, Receiver, ViewOptions};
+    use umbrage::runtime::query::filter::FilterQuery;
 
     use super::super::{Failure, REFUSED, TARGET};
-    use super::{Shadows, Streamed};
+    use super::{Look, Shadows, Streamed};
 
     /// Why the device did not answer.
     pub enum Failed {
@@ -153,23 +221,41 @@ mod gpu {
     }
 
     /// Streams what the view needs to the device and asks there.
-    pub fn answer(view: &View, structure: &Structure, budget: u64) -> Result<Shadows, Failed> {
+    pub fn answer(
+        view: &View,
+        surface: Surface<'_>,
+        structure: &Structure,
+        budget: u64,
+        look: Look,
+    ) -> Result<Shadows, Failed> {
         let device = Headless::new().map_err(|e| Failed::NoDevice(e.to_string()))?;
         let lattice = structure.lattice();
         let mut streamer = GpuStreamer::new(&device.device, &device.queue, structure, budget)?;
-        let receivers: Vec<Receiver> = view
-            .receivers
-            .iter()
-            .flatten()
-            .map(|r| {
+        let options = ViewOptions::default();
+        let (coverage, s) = if let Look::Filtered(filter) = look {
+            let of = Footprints::new(view, surface);
+            let query = |pixel| {
+                let (side, lod) = filter.at(&of, pixel);
+                of.receiver(pixel).map(|receiver| FilterQuery { receiver, lod, side })
+            };
+            let queries: Vec<Option<FilterQuery>> = (0..view.receivers.len()).into_par_iter().map(query).collect();
+            let asked: Vec<FilterQuery> = queries.iter().flatten().copied().collect();
+            let (states, stats) = streamer.filter_view(&asked, &options)?;
+            let mut states = states.into_iter();
+            let mut share = |q: &FilterQuery| states.next().map_or(255, |s| q.share(s).coverage());
+            (queries.iter().map(|q| q.as_ref().map_or(255, &mut share)).collect(), stats)
+        } else {
+            let receiver = |r: &umbrage::render::Receiver| {
                 let [x, y] = r.texel(&lattice);
                 Receiver { x, y, depth: r.depth.query() }
-            })
-            .collect();
-        let answer = streamer.answer_view(&receivers, &ViewOptions::default())?;
-        let mut pixels = answer.pixels.iter();
-        let lit = view.receivers.iter().map(|r| r.is_none() || pixels.next().is_none_or(|p| p.lit)).collect();
-        let s = answer.stats;
+            };
+            let receivers: Vec<Receiver> = view.receivers.iter().flatten().map(receiver).collect();
+            let answer = streamer.answer_view(&receivers, &options)?;
+            let mut pixels = answer.pixels.iter();
+            let lit: Vec<bool> =
+                view.receivers.iter().map(|r| r.is_none() || pixels.next().is_none_or(|p| p.lit)).collect();
+            (coverage(&lit), answer.stats)
+        };
         let stream = Streamed {
             budget_bytes: s.budget_bytes,
             uploaded_bytes: s.uploaded_bytes,
@@ -179,17 +265,17 @@ mod gpu {
             starved: s.starved,
             failed: s.failed,
         };
-        Ok(Shadows { lit, by: device.name.clone(), pages_read: s.pages_read, stream: Some(stream) })
+        Ok(Shadows { coverage, by: device.name.clone(), pages_read: s.pages_read, stream: Some(stream) })
     }
 }
 
 #[cfg(not(feature = "gpu"))]
 mod gpu {
     use umbrage::reader::Structure;
-    use umbrage::render::View;
+    use umbrage::render::{Surface, View};
 
     use super::super::Failure;
-    use super::Shadows;
+    use super::{Look, Shadows};
 
     /// Why the device did not answer.
     pub enum Failed {
@@ -201,7 +287,7 @@ mod gpu {
     }
 
     /// Says that this program has no GPU in it.
-    pub fn answer(_: &View, _: &Structure, _: u64) -> Result<Shadows, Failed> {
+    pub fn answer(_: &View, _: Surface<'_>, _: &Structure, _: u64, _: Look) -> Result<Shadows, Failed> {
         Err(Failed::NoDevice("built without the feature gpu; build with it or use --backend cpu".to_string()))
     }
 }

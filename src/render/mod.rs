@@ -14,12 +14,14 @@
 //! | `receiver` | hit to lattice point |
 //! | `depth` | exact fractions, depth of a triangle over a lattice point |
 //! | `shadow` | the reference |
+//! | `filter` | what filters ask: planes, footprints |
 //! | `shade` | colours, differences |
 //! | `image` | pixels in memory, PNG |
 
 mod bvh;
 mod camera;
 mod depth;
+mod filter;
 mod image;
 mod receiver;
 mod scene;
@@ -30,6 +32,7 @@ mod testing;
 
 pub use camera::{Camera, CameraError, UpAxis};
 pub use depth::Depth;
+pub use filter::Footprints;
 pub use image::{ImageError, RgbImage, write_png};
 pub use receiver::{Placement, Receiver};
 pub use scene::{Hit, Scene, Surface, View};

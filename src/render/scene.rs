@@ -39,6 +39,16 @@ impl Surface<'_> {
     }
 }
 
+impl Surface<'_> {
+    /// How much a triangle's depth rises with one step along x and y; `None` where the light sees it edge-on.
+    pub fn slope(&self, triangle: u32) -> Option<[f64; 2]> {
+        let [a, b, c] = self.corners(triangle);
+        let edge = |p: Corner| std::array::from_fn(|k| (p[k] - a[k]) as f64);
+        let [x, y, z] = cross(edge(b), edge(c));
+        (z != 0.0).then_some([-x / z, -y / z])
+    }
+}
+
 /// Snapped triangles and the hierarchy over them.
 pub struct Scene<'a> {
     surface: Surface<'a>,

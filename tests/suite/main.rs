@@ -5,6 +5,7 @@ mod cold;
 mod continuous;
 #[path = "../../examples/depth_source.rs"]
 mod depth_source;
+mod filter;
 mod flips;
 mod golden;
 mod intervals;

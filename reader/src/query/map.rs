@@ -13,6 +13,7 @@ use std::sync::OnceLock;
 use umbrage_format::projection::Lattice;
 use umbrage_format::{FormatError, Kind, Place, Rule, Value};
 
+use super::filter::{Receiver, Rect, Share, Taps, descend, levels_around};
 use super::{Resident, Visibility, locate, mh, mmh, vector};
 use crate::{CheckedPage, ReaderError, Structure};
 
@@ -169,6 +170,72 @@ impl Map {
             Kind::Vector => vector::continuous(|o| map.view(o), 0, log2, x, y, sub),
             _ => map.walk(0, x, y, 0),
         })
+    }
+
+    /// Percentage-closer filtering: the lit ones of `side` x `side` texels of `level` around a receiver, on root 0; see
+    /// [`filter`](super::filter). Sides from 1 to [`MAX_SIDE`](super::filter::MAX_SIDE), levels up to the root's; beyond the
+    /// nearest. Loads what is missing on the way. Outside the map: all lit, and flagged.
+    ///
+    /// # Errors
+    /// A page can't be loaded.
+    pub fn pcf(&self, r: &Receiver, side: u32, level: u8) -> Result<Share, ReaderError> {
+        let log2 = self.structure.record().log2_resolution;
+        let Some(taps) = Taps::new(r, side, level, log2) else { return Ok(Taps::outside(side)) };
+        loop {
+            let (lit, missing) = self.lit(&taps);
+            match missing {
+                // Each turn loads one page more, and a tap's walk meets at most 25.
+                Some(ordinal) => self.page(ordinal).map(drop)?,
+                None => return Ok(taps.share(lit)),
+            }
+        }
+    }
+
+    /// [`pcf`](Self::pcf) on the two levels around a [level of detail](super::filter::level_of_detail), blended; on its one
+    /// level where it is a whole one or the root's.
+    ///
+    /// # Errors
+    /// As `pcf`.
+    pub fn trilinear(&self, r: &Receiver, side: u32, lod: u32) -> Result<Share, ReaderError> {
+        let (level, part) = levels_around(lod);
+        let finer = self.pcf(r, side, level)?;
+        let blends = part != 0 && level < self.structure.record().log2_resolution;
+        let coarser = if blends { self.pcf(r, side, level + 1)? } else { finer };
+        Ok(finer.blend(&coarser, part))
+    }
+
+    /// Lit taps by the loaded pages, and a page that is missing.
+    fn lit<'a>(&'a self, taps: &Taps) -> (u32, Option<u32>) {
+        let (log2, level) = (self.structure.record().log2_resolution, taps.level);
+        let look = |o| self.view(o);
+        let (mut lit, mut missing) = (0, None);
+        match self.structure.kind() {
+            Kind::Vector => {
+                let mut walk = |w: vector::Walk<'a>, x, y, level| w.go(look, x, y, level);
+                let mut answer = |w: &vector::Walk<'_>, part: &Rect| {
+                    missing = missing.or(w.found.missing);
+                    lit += w.lit(taps, part);
+                };
+                descend(vector::Walk::new(look, 0, log2), taps.inside, level, &mut walk, &mut answer);
+            }
+            Kind::Mmh => {
+                let mut walk = |w: mmh::Walk<'a>, x, y, level| w.go(look, x, y, level);
+                let mut answer = |w: &mmh::Walk<'_>, part: &Rect| {
+                    missing = missing.or(w.found.missing);
+                    lit += taps.lit(part, w.found.value);
+                };
+                descend(mmh::Walk::new(look, 0, log2), taps.inside, level, &mut walk, &mut answer);
+            }
+            _ => {
+                let mut walk = |w: mh::Walk<'a>, x, y, level| w.go(look, x, y, level);
+                let mut answer = |w: &mh::Walk<'_>, part: &Rect| {
+                    missing = missing.or(w.found.missing);
+                    lit += taps.lit(part, w.found.value);
+                };
+                descend(mh::Walk::new(look, 0, log2), taps.inside, level, &mut walk, &mut answer);
+            }
+        }
+        (lit, missing)
     }
 
     /// Walks again and again, each time with one page more.

@@ -29,44 +29,78 @@ pub fn descend<'a>(
     y: u32,
     level: u8,
 ) -> Descent {
-    let mut d = Descent { value: UNCOVERED, level: log2_resolution, page: root, word: 0, missing: None };
-    let mut ordinal = root;
-    let Some(mut page) = lookup(root) else {
-        d.missing = Some(root);
-        return d;
-    };
-    let (mut mask, mut group) = (root_mask(page.words), u32::from(ROOT_GROUP));
-    let mut at_level = log2_resolution.min(31);
-    loop {
-        let c = child_of(x, y, at_level);
-        let kind = mask.child(c);
-        if kind == NodeType::None {
-            return d;
-        }
-        let at = group.saturating_add(mask.words_before(c));
-        let word = page.words.get(at as usize).copied().unwrap_or(0);
-        if kind.has_value() {
-            let value = if kind == NodeType::Leaf { word } else { next(page.words, at) };
-            d = Descent { value, level: at_level, page: ordinal, word: at, missing: None };
-        }
-        if kind == NodeType::Leaf || at_level <= level {
-            return d;
-        }
-        let node = Node::decode(word);
-        match node.children {
-            Children::Here(first) => (mask, group) = (node.mask, first.into()),
-            Children::Page(child) => {
-                ordinal = page.first_child.saturating_add(child.into());
-                let Some(next) = lookup(ordinal) else {
-                    d.missing = Some(ordinal);
-                    return d;
-                };
-                page = next;
-                (mask, group) = (root_mask(page.words), u32::from(ROOT_GROUP));
+    Walk::new(&mut lookup, root, log2_resolution).go(&mut lookup, x, y, level).0.found
+}
+
+/// A walk on its way.
+#[derive(Clone, Copy)]
+pub(super) struct Walk<'a> {
+    pub(super) found: Descent,
+    page: PageView<'a>,
+    ordinal: u32,
+    /// The next group, unless a node has been visited that must be opened first.
+    mask: Mask,
+    group: u32,
+    /// Level of the next group or of that node.
+    level: u8,
+    opens: Option<Node>,
+    ended: bool,
+}
+
+impl<'a> Walk<'a> {
+    /// At the root's group.
+    pub(super) fn new(mut lookup: impl FnMut(u32) -> Option<PageView<'a>>, root: u32, log2_resolution: u8) -> Self {
+        let page = lookup(root);
+        let missing = if page.is_none() { Some(root) } else { None };
+        let found = Descent { value: UNCOVERED, level: log2_resolution, page: root, word: 0, missing };
+        let page = page.unwrap_or(PageView { words: &[], first_child: 0, dependencies: &[] });
+        let (mask, group, level) = (root_mask(page.words), u32::from(ROOT_GROUP), log2_resolution.min(31));
+        Self { found, page, ordinal: root, mask, group, level, opens: None, ended: missing.is_some() }
+    }
+
+    /// Goes on towards texel (x, y) until a node of `level` or above has been visited, or the walk has ended, which it says.
+    pub(super) fn go(
+        mut self,
+        mut lookup: impl FnMut(u32) -> Option<PageView<'a>>,
+        x: u32,
+        y: u32,
+        level: u8,
+    ) -> (Self, bool) {
+        while !self.ended {
+            if let Some(node) = self.opens {
+                // Not below 0: a walk to level 0 is done there, whatever level was asked for.
+                if self.level <= level {
+                    break;
+                }
+                match node.children {
+                    Children::Here(first) => (self.mask, self.group) = (node.mask, first.into()),
+                    Children::Page(child) => {
+                        let child = self.page.first_child.saturating_add(child.into());
+                        let Some(next) = lookup(child) else {
+                            (self.found.missing, self.ended) = (Some(child), true);
+                            break;
+                        };
+                        (self.page, self.ordinal) = (next, child);
+                        (self.mask, self.group) = (root_mask(next.words), u32::from(ROOT_GROUP));
+                    }
+                }
+                (self.opens, self.level) = (None, self.level - 1);
             }
+            let c = child_of(x, y, self.level);
+            let kind = self.mask.child(c);
+            if kind == NodeType::None {
+                self.ended = true;
+                break;
+            }
+            let at = self.group.saturating_add(self.mask.words_before(c));
+            let word = self.page.words.get(at as usize).copied().unwrap_or(0);
+            if kind.has_value() {
+                let value = if kind == NodeType::Leaf { word } else { next(self.page.words, at) };
+                self.found = Descent { value, level: self.level, page: self.ordinal, word: at, missing: None };
+            }
+            (self.opens, self.ended) = (Some(Node::decode(word)), kind == NodeType::Leaf);
         }
-        // Not below 0: at level 0 the walk has ended above, whatever level was asked for.
-        at_level -= 1;
+        (self, self.ended)
     }
 }
 

@@ -3,6 +3,7 @@
 //! - [`Map`]: pages of one structure, loaded when a lookup needs them;
 //! - [`Resident`]: all pages in one array, for lookups that can't fail;
 //! - [`mh`], [`mmh`], [`vector`]: the walk of each kind, a pure function over pages that are there or not;
+//! - [`filter`]: percentage-closer filtering over all of them;
 //! - here: from a point of the world to a texel and a depth, from a stored value to light or shadow.
 //!
 //! Texels are numbered on the finest level: 0 to `1 << log2_resolution`, minus 1. A lookup at level L answers for the
@@ -16,6 +17,7 @@
     clippy::cast_possible_truncation
 )]
 
+pub mod filter;
 pub(crate) mod follow;
 mod map;
 pub mod mh;

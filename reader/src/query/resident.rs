@@ -11,6 +11,7 @@
 use umbrage_format::Kind;
 use umbrage_format::projection::{Lattice, UNCOVERED};
 
+use super::filter::{Receiver, Share, Taps, levels_around};
 use super::follow::Follow;
 use super::{Map, Visibility, locate, mh, mmh, vector};
 use crate::ReaderError;
@@ -121,6 +122,28 @@ impl Resident {
             Tree::Mmh(tree) => tree.value(x, y, 0),
             Tree::Vector(tree) => tree.continuous(x, y, sub),
         }
+    }
+
+    /// Percentage-closer filtering: the lit ones of `side` x `side` texels of `level` around a receiver, on root 0; see
+    /// [`filter`](super::filter). Sides from 1 to [`MAX_SIDE`](super::filter::MAX_SIDE), levels up to the root's; beyond the
+    /// nearest.
+    pub fn pcf(&self, r: &Receiver, side: u32, level: u8) -> Share {
+        let Some(taps) = Taps::new(r, side, level, self.log2_resolution) else { return Taps::outside(side) };
+        taps.share(match &self.tree {
+            Tree::Mh(tree) => tree.lit(&taps),
+            Tree::Mmh(tree) => tree.lit(&taps),
+            Tree::Vector(tree) => tree.lit(&taps),
+        })
+    }
+
+    /// [`pcf`](Self::pcf) on the two levels around a [level of detail](super::filter::level_of_detail), blended; on its one
+    /// level where it is a whole one or the root's.
+    pub fn trilinear(&self, r: &Receiver, side: u32, lod: u32) -> Share {
+        let (level, part) = levels_around(lod);
+        let finer = self.pcf(r, side, level);
+        let blends = part != 0 && level < self.log2_resolution;
+        let coarser = if blends { self.pcf(r, side, level + 1) } else { finer };
+        finer.blend(&coarser, part)
     }
 
     /// Light or shadow at a world point. Outside the map: lit, and flagged.

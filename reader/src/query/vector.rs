@@ -19,6 +19,7 @@ use umbrage_format::kind::mh::child_of;
 use umbrage_format::kind::vector::{Child, Layout, value};
 use umbrage_format::projection::UNCOVERED;
 
+use super::filter::{Rect, Taps};
 pub use super::{Descent, PageView};
 
 /// The node whose entry answers.
@@ -91,38 +92,87 @@ fn walk<'a>(
     y: u32,
     level: u8,
 ) -> (Descent, Option<Found<'a>>) {
-    let mut d = Descent { value: UNCOVERED, level: log2_resolution, page: root, word: 0, missing: None };
-    let mut found = None;
-    let mut ordinal = root;
-    let Some(mut page) = lookup(root) else {
-        d.missing = Some(root);
-        return (d, found);
-    };
-    let (mut group, mut at_level) = (0, log2_resolution.min(31));
-    loop {
-        let c = child_of(x, y, at_level);
-        let mut child = Child::of(page.words, group, c);
-        if child.mask.0 == 0 && group != 0 {
-            let Some(place) = Layout::of(page.words).stub(page.words, group) else { return (d, found) };
-            ordinal = page.first_child.saturating_add(place.into());
-            let Some(next) = lookup(ordinal) else {
-                d.missing = Some(ordinal);
-                return (d, found);
-            };
-            (page, group) = (next, 0);
-            child = Child::of(page.words, 0, c);
+    let w = Walk::new(&mut lookup, root, log2_resolution).go(&mut lookup, x, y, level).0;
+    (w.found, w.entry)
+}
+
+/// A walk on its way.
+#[derive(Clone, Copy)]
+pub(super) struct Walk<'a> {
+    /// The answer without its value.
+    pub(super) found: Descent,
+    /// The node whose entry is the value.
+    entry: Option<Found<'a>>,
+    page: PageView<'a>,
+    ordinal: u32,
+    group: u32,
+    /// Level of the group.
+    level: u8,
+    /// The group below a node of `group` that has been visited.
+    opens: Option<u32>,
+    ended: bool,
+}
+
+impl<'a> Walk<'a> {
+    /// At the root's group.
+    pub(super) fn new(mut lookup: impl FnMut(u32) -> Option<PageView<'a>>, root: u32, log2_resolution: u8) -> Self {
+        let page = lookup(root);
+        let missing = if page.is_none() { Some(root) } else { None };
+        let found = Descent { value: UNCOVERED, level: log2_resolution, page: root, word: 0, missing };
+        let page = page.unwrap_or(PageView { words: &[], first_child: 0, dependencies: &[] });
+        let (level, ended) = (log2_resolution.min(31), missing.is_some());
+        Self { found, entry: None, page, ordinal: root, group: 0, level, opens: None, ended }
+    }
+
+    /// Goes on towards texel (x, y) until a node of `level` or above has been visited, or the walk has ended, which it says.
+    pub(super) fn go(
+        mut self,
+        mut lookup: impl FnMut(u32) -> Option<PageView<'a>>,
+        x: u32,
+        y: u32,
+        level: u8,
+    ) -> (Self, bool) {
+        while !self.ended {
+            if let Some(below) = self.opens {
+                // Not below 0: a walk to level 0 is done there, whatever level was asked for.
+                if self.level <= level {
+                    break;
+                }
+                (self.group, self.opens, self.level) = (below, None, self.level - 1);
+            }
+            let c = child_of(x, y, self.level);
+            let mut child = Child::of(self.page.words, self.group, c);
+            if child.mask.0 == 0 && self.group != 0 {
+                let Some(place) = Layout::of(self.page.words).stub(self.page.words, self.group) else {
+                    self.ended = true;
+                    break;
+                };
+                let there = self.page.first_child.saturating_add(place.into());
+                let Some(next) = lookup(there) else {
+                    (self.found.missing, self.ended) = (Some(there), true);
+                    break;
+                };
+                (self.page, self.ordinal, self.group) = (next, there, 0);
+                child = Child::of(next.words, 0, c);
+            }
+            let kind = child.mask.child(c);
+            if kind.has_value() {
+                self.entry = Some(Found { page: self.page, index: child.index });
+                let word = 4 * self.group + c;
+                self.found = Descent { level: self.level, page: self.ordinal, word, ..self.found };
+            }
+            (self.opens, self.ended) = (Some(child.below), !kind.has_children());
         }
-        let kind = child.mask.child(c);
-        if kind.has_value() {
-            found = Some(Found { page, index: child.index });
-            d = Descent { level: at_level, page: ordinal, word: 4 * group + c, ..d };
-        }
-        if !kind.has_children() || at_level <= level {
-            return (d, found);
-        }
-        group = child.below;
-        // Not below 0: at level 0 the walk has ended above, whatever level was asked for.
-        at_level -= 1;
+        (self, self.ended)
+    }
+
+    /// Lit taps of a part that the node found answers.
+    pub(super) fn lit(&self, taps: &Taps, part: &Rect) -> u32 {
+        let Some(Found { page, index }) = self.entry else { return taps.lit(part, UNCOVERED) };
+        let (layout, mask) = (Layout::of(page.words), side_mask(page.words));
+        let entry = layout.entry(page.words, index);
+        let place = |v: u32| centre((v << (taps.level & 31)) & mask, taps.level);
+        taps.lit_each(part, |x, y| value(page.words, &layout, entry, place(x), place(y)))
     }
 }
 

@@ -5,9 +5,11 @@
 //! - `vector_tree`, `vector`: the same for kind `vector`;
 //! - `mmh_tree`, `mmh`: the same for kind `mmh`;
 //! - `hostile`: truncations, flipped bits, repaired checksums, hand-made breaches;
+//! - `filter`: filters against their definition;
 //! - `later`: pages of kinds that come later travel unchanged;
 //! - `target`: what the writer does when the target is no good.
 
+mod filter;
 mod hostile;
 mod later;
 mod mmh;

@@ -11,6 +11,7 @@ const MOST_GROUPS: u32 = 65_535;
 pub struct Kernels {
     answer: wgpu::ComputePipeline,
     pixels: wgpu::ComputePipeline,
+    filtered: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
 }
 
@@ -21,6 +22,18 @@ pub enum Entry {
     Answer,
     /// x, y, depth, state -> state.
     Pixels,
+    /// The same with how to filter behind: two of the array's words of four for each query.
+    Filtered,
+}
+
+impl Entry {
+    /// Words of four that a query takes.
+    pub(super) const fn words(self) -> usize {
+        match self {
+            Entry::Answer | Entry::Pixels => 1,
+            Entry::Filtered => 2,
+        }
+    }
 }
 
 /// An array of queries on the device, 16 bytes each.
@@ -34,7 +47,7 @@ pub struct Queries {
 }
 
 impl Kernels {
-    /// Compiles both; `layout` is the streamer's, in group 0.
+    /// Compiles them; `layout` is the streamer's, in group 0.
     pub fn new(device: &wgpu::Device, layout: &wgpu::BindGroupLayout) -> Self {
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("umbrage kernels"),
@@ -62,7 +75,7 @@ impl Kernels {
                 cache: None,
             })
         };
-        Self { answer: pipeline("answer"), pixels: pipeline("pixels"), layout: own }
+        Self { answer: pipeline("answer"), pixels: pipeline("pixels"), filtered: pipeline("filtered"), layout: own }
     }
 
     /// Puts queries on the device.
@@ -104,7 +117,7 @@ impl Kernels {
         root: u32,
         range: std::ops::Range<u32>,
     ) {
-        let end = range.end.min(queries.count);
+        let end = range.end.min(queries.count / entry.words() as u32);
         let Some(count) = end.checked_sub(range.start).filter(|&n| n != 0) else { return };
         queue.write_buffer(&queries.range, 0, bytemuck::bytes_of(&[range.start, count, root, 0]));
         let groups = count.div_ceil(shader::WORKGROUP);
@@ -113,6 +126,7 @@ impl Kernels {
         pass.set_pipeline(match entry {
             Entry::Answer => &self.answer,
             Entry::Pixels => &self.pixels,
+            Entry::Filtered => &self.filtered,
         });
         pass.set_bind_group(0, structure, &[]);
         pass.set_bind_group(1, &queries.group, &[]);

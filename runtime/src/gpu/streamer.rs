@@ -8,6 +8,7 @@ use umbrage_reader::Structure;
 use super::kernel::{Entry, Kernels};
 use super::transfer::{Readback, Staging};
 use crate::error::RuntimeError;
+use crate::query::filter::FilterQuery;
 use crate::query::pool::NOT_RESIDENT;
 use crate::residency::budget::{BLOCK_BYTES, READBACK_BUFFERS, STAGING_BUFFERS};
 use crate::residency::{Frame, Op};
@@ -343,6 +344,24 @@ impl GpuStreamer {
             this.read(&array.buffer, 0, queries.len() as u64 * 16)
         })?;
         Ok(bytemuck::cast_slice(&words).to_vec())
+    }
+
+    /// Filters queries by what is resident, in one frame: a state for each, see
+    /// [`Pool::filter`](crate::query::Pool::filter). Waits for the device, not for pages.
+    ///
+    /// # Errors
+    /// As [`answer`](Self::answer).
+    pub fn filter(&mut self, root: u32, queries: &[FilterQuery]) -> Result<Vec<u32>, RuntimeError> {
+        let count = u32::try_from(queries.len()).unwrap_or(u32::MAX);
+        let words: Vec<[u32; 4]> = queries.iter().flat_map(FilterQuery::encode).collect();
+        let words = self.with_kernels(|this, kernels| {
+            let array = kernels.queries(&this.device, &words)?;
+            this.submit(|this, encoder| {
+                kernels.dispatch(&this.queue, encoder, &this.group, Entry::Filtered, &array, root, 0..count);
+            })?;
+            this.read(&array.buffer, 0, queries.len() as u64 * 32)
+        })?;
+        Ok(words.chunks_exact(8).map(|q| q[3]).collect())
     }
 
     /// The pool's words and the page table as the device has them. For tools and tests: it waits.

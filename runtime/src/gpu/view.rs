@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::kernel::{Entry, Kernels, Queries};
 use super::streamer::GpuStreamer;
 use crate::error::RuntimeError;
+use crate::query::filter::FilterQuery;
 use crate::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, OUTSIDE};
 use crate::residency::Stats;
 
@@ -107,23 +108,49 @@ impl GpuStreamer {
     /// A kind without kernels, or the device was lost. Pages that can't be read are no error: their pixels keep an
     /// ancestor's answer, and [`crate::stream::Streamer::take_failures`] names them.
     pub fn answer_view(&mut self, receivers: &[Receiver], options: &ViewOptions) -> Result<ViewAnswer, RuntimeError> {
+        let words: Vec<_> = receivers.iter().map(|r| [r.x, r.y, r.depth, 0]).collect();
+        let (states, stats) = self.states(&words, Entry::Pixels, options)?;
+        Ok(ViewAnswer { pixels: states.into_iter().map(Pixel::from_state).collect(), stats })
+    }
+
+    /// The same for filters: a state for each query, see [`Pool::filter`](crate::query::Pool::filter); of one that no frame
+    /// reached 0.
+    ///
+    /// # Errors
+    /// As [`answer_view`](Self::answer_view).
+    pub fn filter_view(
+        &mut self,
+        queries: &[FilterQuery],
+        options: &ViewOptions,
+    ) -> Result<(Vec<u32>, ViewStats), RuntimeError> {
+        let words: Vec<_> = queries.iter().flat_map(FilterQuery::encode).collect();
+        self.states(&words, Entry::Filtered, options)
+    }
+
+    /// The last states of queries that the entry point takes, frame after frame.
+    fn states(
+        &mut self,
+        words: &[[u32; 4]],
+        entry: Entry,
+        options: &ViewOptions,
+    ) -> Result<(Vec<u32>, ViewStats), RuntimeError> {
         let (before, loads) = (self.streamer.stats(), self.streamer.loads());
         let mut stats = ViewStats { exact: true, ..ViewStats::default() };
-        let mut pixels = Vec::with_capacity(receivers.len());
+        let each = entry.words();
+        let mut states = Vec::with_capacity(words.len() / each);
         self.with_kernels(|this, kernels| {
-            let chunk = CHUNK.min((this.device.limits().max_storage_buffer_binding_size / 16) as usize).max(1);
-            for receivers in receivers.chunks(chunk) {
-                let array: Vec<_> = receivers.iter().map(|r| [r.x, r.y, r.depth, 0]).collect();
-                let queries = kernels.queries(&this.device, &array)?;
-                let count = array.len() as u32;
-                this.go_on(kernels, &queries, count, options, &mut stats)?;
-                let words = this.read(&queries.buffer, 0, u64::from(count) * 16)?;
-                pixels.extend(words.chunks_exact(4).map(|q| Pixel::from_state(q[3])));
+            let bound = (this.device.limits().max_storage_buffer_binding_size / 16) as usize;
+            let chunk = CHUNK.min(bound / each).max(1) * each;
+            for words in words.chunks(chunk) {
+                let queries = kernels.queries(&this.device, words)?;
+                this.go_on(kernels, entry, &queries, (words.len() / each) as u32, options, &mut stats)?;
+                let words = this.read(&queries.buffer, 0, words.len() as u64 * 16)?;
+                states.extend(words.chunks_exact(4 * each).map(|q| q[3]));
             }
             Ok(())
         })?;
         let after = self.streamer.stats();
-        stats.exact = pixels.iter().all(|p| !p.ancestor);
+        stats.exact = states.iter().all(|s| !Pixel::from_state(*s).ancestor);
         stats.pages_read = self.streamer.loads() - loads;
         stats.pages = self.streamer.structure().page_count();
         stats.budget_bytes = self.streamer.budget().total;
@@ -131,12 +158,13 @@ impl GpuStreamer {
         stats.uploaded_bytes = after.uploaded_bytes - before.uploaded_bytes;
         stats.evicted = after.evicted - before.evicted;
         stats.failed = after.failing;
-        Ok(ViewAnswer { pixels, stats })
+        Ok((states, stats))
     }
 
     fn go_on(
         &mut self,
         kernels: &Kernels,
+        entry: Entry,
         queries: &Queries,
         count: u32,
         options: &ViewOptions,
@@ -148,7 +176,7 @@ impl GpuStreamer {
             stats.frames += 1;
             self.submit(|this, encoder| {
                 let group = this.bind_group();
-                kernels.dispatch(&this.queue, encoder, group, Entry::Pixels, queries, options.root, part.clone());
+                kernels.dispatch(&this.queue, encoder, group, entry, queries, options.root, part.clone());
             })?;
             // The feedback of this very frame is there, as the device is done.
             self.begin();

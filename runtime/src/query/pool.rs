@@ -7,6 +7,8 @@ use umbrage_format::page::FrameHead;
 use umbrage_format::projection::UNCOVERED;
 use umbrage_format::structure::MAX_LOG2_RESOLUTION;
 
+use super::vector::Found;
+
 /// First word of a table entry whose page is not in the pool.
 pub const NOT_RESIDENT: u32 = u32::MAX;
 /// No page, where an ordinal could stand.
@@ -72,6 +74,28 @@ pub(super) struct Page<'a> {
     pub(super) first_child: u32,
 }
 
+/// A walk on its way, in a structure of any kind.
+#[derive(Clone, Copy)]
+pub(super) struct Walk<'a> {
+    /// The answer so far; in kind `vector` without its value.
+    pub(super) found: Answer,
+    pub(super) page: Page<'a>,
+    pub(super) ordinal: u32,
+    /// The next group, and in `mh` and `mmh` its types, unless a node has been visited that must be opened first.
+    pub(super) mask: Mask,
+    pub(super) group: u32,
+    /// Level of the next group or of that node.
+    pub(super) level: u8,
+    /// That node: its word, in `vector` the group below it.
+    pub(super) node: u32,
+    pub(super) opens: bool,
+    pub(super) ended: bool,
+    /// Rises so far, in `mmh`.
+    pub(super) sum: u32,
+    /// What gives the value, in `vector`.
+    pub(super) entry: Option<Found<'a>>,
+}
+
 impl Page<'_> {
     /// A word; 0 outside.
     pub(super) fn word(&self, at: u32) -> u32 {
@@ -112,6 +136,16 @@ impl<'a> Pool<'a> {
     /// What a walk from root `root` knows before its first page.
     pub(super) fn nothing(&self, root: u32) -> Answer {
         Answer { value: UNCOVERED, level: self.log2_resolution.into(), page: root, word: 0, missing: NONE }
+    }
+
+    /// A walk at the group of root `root`, which is `group` in its page.
+    pub(super) fn start(&self, root: u32, group: u32) -> Walk<'a> {
+        let page = self.page(root);
+        let found = Answer { missing: if page.is_none() { root } else { NONE }, ..self.nothing(root) };
+        let ended = page.is_none();
+        let page = page.unwrap_or(Page { words: &[], behind: &[], first_child: 0 });
+        let (mask, level) = (page.root_mask(), self.top());
+        Walk { found, page, ordinal: root, mask, group, level, node: 0, opens: false, ended, sum: 0, entry: None }
     }
 
     /// Walks from root `root` to texel (x, y) at `level`, by the structure's kind; a kind that has no walk answers as

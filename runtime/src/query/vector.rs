@@ -4,11 +4,11 @@
 use umbrage_format::kind::mh::child_of;
 use umbrage_format::kind::vector::{Child, Layout, value};
 
-use super::pool::{Answer, MAX_STEPS, NONE, Page, Pool};
+use super::pool::{Answer, NONE, Page, Pool, Walk};
 
 /// The node whose entry answers.
 #[derive(Clone, Copy)]
-struct Found<'a> {
+pub(super) struct Found<'a> {
     page: Page<'a>,
     /// Its index, as the page counts nodes with an entry.
     index: u32,
@@ -28,59 +28,62 @@ impl Found<'_> {
 impl<'a> Pool<'a> {
     /// Walks from root `root` to texel (x, y) at `level`, in a structure of kind `vector`.
     pub fn vector(&self, root: u32, x: u32, y: u32, level: u32) -> Answer {
-        let (mut d, found) = self.vector_walk(root, x, y, level);
-        if let Some(f) = found {
-            let level = level.min(self.top().into());
-            // The centre of the texel of the level.
-            d.value = f
-                .value(&Layout::of(f.page.words), [x, y], |v, _| (v >> level << level << 8).wrapping_add(128 << level));
-        }
-        d
+        let w = self.go_vector(self.start(root, 0), x, y, level);
+        Answer { value: self.vector_value(&w, x, y, level), ..w.found }
+    }
+
+    /// Value at the centre of the texel of `level` around (x, y) by the entry that a walk has found.
+    pub(super) fn vector_value(&self, w: &Walk<'a>, x: u32, y: u32, level: u32) -> u32 {
+        let Some(f) = w.entry else { return w.found.value };
+        let level = level.min(self.top().into());
+        f.value(&Layout::of(f.page.words), [x, y], |v, _| (v >> level << level << 8).wrapping_add(128 << level))
     }
 
     /// Answer at a place inside texel (x, y), `sub` 1/256 of a texel from its corner (the low 8 bits count): the
     /// entry's value there where it is proven over its whole square, else that of the texel.
     pub fn vector_continuous(&self, root: u32, x: u32, y: u32, sub: [u32; 2]) -> Answer {
-        let (mut d, found) = self.vector_walk(root, x, y, 0);
-        if let Some(f) = found {
+        let mut w = self.go_vector(self.start(root, 0), x, y, 0);
+        if let Some(f) = w.entry {
             let layout = Layout::of(f.page.words);
             let sub = if layout.proven(f.page.words, f.index) { sub.map(|s| s & 0xFF) } else { [128; 2] };
-            d.value = f.value(&layout, [x, y], |v, axis| v << 8 | sub[axis]);
+            w.found.value = f.value(&layout, [x, y], |v, axis| v << 8 | sub[axis]);
         }
-        d
+        w.found
     }
 
-    /// The way to the finest node with an entry, which is not evaluated yet.
-    fn vector_walk(&self, root: u32, x: u32, y: u32, level: u32) -> (Answer, Option<Found<'a>>) {
-        let (mut d, mut found) = (self.nothing(root), None);
-        let Some(mut page) = self.page(root) else { return (Answer { missing: root, ..d }, found) };
-        let mut ordinal = root;
-        let mut group = 0;
-        let mut at_level = self.top();
-        for _ in 0..MAX_STEPS {
-            let c = child_of(x, y, at_level);
-            let mut child = Child::of(page.words, group, c);
-            if child.mask.0 == 0 && group != 0 {
-                let Some(place) = Layout::of(page.words).stub(page.words, group) else { break };
-                let next = page.first_child.saturating_add(place.into());
-                let Some(there) = self.page(next) else {
-                    d.missing = next;
+    /// Goes on towards texel (x, y) until a node of `level` or above has been visited or the walk has ended. The entry
+    /// found is not evaluated yet.
+    pub(super) fn go_vector(&self, mut w: Walk<'a>, x: u32, y: u32, level: u32) -> Walk<'a> {
+        while !w.ended {
+            if w.opens {
+                if u32::from(w.level) <= level {
+                    break;
+                }
+                (w.group, w.opens, w.level) = (w.node, false, w.level - 1);
+            }
+            let c = child_of(x, y, w.level);
+            let mut child = Child::of(w.page.words, w.group, c);
+            if child.mask.0 == 0 && w.group != 0 {
+                let Some(place) = Layout::of(w.page.words).stub(w.page.words, w.group) else {
+                    w.ended = true;
                     break;
                 };
-                (page, ordinal, group) = (there, next, 0);
-                child = Child::of(page.words, 0, c);
+                let next = w.page.first_child.saturating_add(place.into());
+                let Some(there) = self.page(next) else {
+                    (w.found.missing, w.ended) = (next, true);
+                    break;
+                };
+                (w.page, w.ordinal, w.group) = (there, next, 0);
+                child = Child::of(there.words, 0, c);
             }
             let kind = child.mask.child(c);
             if kind.has_value() {
-                found = Some(Found { page, index: child.index });
-                d = Answer { level: at_level.into(), page: ordinal, word: 4 * group + c, missing: NONE, ..d };
+                w.entry = Some(Found { page: w.page, index: child.index });
+                let (level, word) = (w.level.into(), 4 * w.group + c);
+                w.found = Answer { level, page: w.ordinal, word, missing: NONE, ..w.found };
             }
-            if !kind.has_children() || u32::from(at_level) <= level {
-                break;
-            }
-            group = child.below;
-            at_level -= 1;
+            (w.node, w.opens, w.ended) = (child.below, true, !kind.has_children());
         }
-        (d, found)
+        w
     }
 }

@@ -12,8 +12,10 @@ use umbrage_format::kind::vector::{
 use umbrage_format::page::{FRAME_WORDS, FrameHead};
 use umbrage_format::projection::UNCOVERED;
 use umbrage_format::structure::MAX_LOG2_RESOLUTION;
+use umbrage_reader::query::filter::{GRADIENT_BITS, LOD_BITS, MAX_SIDE};
 
 use super::{FEEDBACK_CAPACITY, FEEDBACK_HEAD, FEEDBACK_LIST, WORKGROUP};
+use crate::query::filter::SHARE_SHIFT;
 use crate::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, MAX_STEPS, NONE, NOT_RESIDENT, OUTSIDE, WORD_SHIFT};
 use crate::residency::slots::UNIT_WORDS;
 
@@ -117,6 +119,10 @@ fn numbers() -> Vec<(&'static str, u32)> {
         ("FEEDBACK_HEAD", FEEDBACK_HEAD),
         ("FEEDBACK_CAPACITY", FEEDBACK_CAPACITY),
         ("FEEDBACK_LIST", FEEDBACK_LIST),
+        ("MAX_SIDE", MAX_SIDE),
+        ("GRADIENT_BITS", GRADIENT_BITS),
+        ("LOD_BITS", LOD_BITS),
+        ("SHARE_SHIFT", SHARE_SHIFT),
         ("LIT", LIT),
         ("ANCESTOR", ANCESTOR),
         ("OUTSIDE", OUTSIDE),
@@ -220,7 +226,7 @@ mod tests {
         for (n, entry) in (0..3).zip(m.entries) {
             // The shader reads all three by the first.
             let found = words[constant("MASK_A_WORD") as usize] >> (constant("MASK_A_SHIFT") + n * width);
-            assert_eq!(found & ((1 << width) - 1), entry.into());
+            assert_eq!(found & ((1 << width) - 1), u32::from(entry));
         }
         assert_eq!(read(&words, "MASK_SELECTORS"), m.selectors);
         let r = Raw { base: 0x8765_4321, at: 0xFEDC, width: 0x2A, shift: 0x15 };

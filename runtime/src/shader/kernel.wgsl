@@ -51,3 +51,24 @@ fn pixels(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups)
     umb_note_ancestor(d);
     umb_queries[umb_range.x + i].w = umb_state(d, q.z);
 }
+
+// Two words of four for each query. In: x, y, depth rounded up, state of the frame before; gradient, level of detail,
+// side. Out: state. What is exact stays as it is.
+@compute @workgroup_size(UMB_WORKGROUP)
+fn filtered(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = umb_index(id, groups);
+    if i >= umb_range.y {
+        return;
+    }
+    let at = 2u * (umb_range.x + i);
+    let q = umb_queries[at];
+    if (q.w & UMB_EXACT) != 0u {
+        return;
+    }
+    let how = umb_queries[at + 1u];
+    let share = umb_trilinear(umb_range.z, UmbReceiver(q.x, q.y, q.z, bitcast<vec2<i32>>(how.xy)), how.w, how.z);
+    if share.missing != UMB_NO_PAGE {
+        atomicAdd(&umb_feedback[1], 1u);
+    }
+    umb_queries[at].w = umb_share_state(share);
+}

@@ -10,6 +10,7 @@
 //! - `umb_answer(root, x, y, level)`: the walk to a texel, by the structure's kind; `umb_mh`, `umb_mmh`, `umb_vector` where the
 //!   kind is known beforehand;
 //! - `umb_continuous(root, x, y, sub)`, `umb_vector_continuous`: the answer at a place inside a texel;
+//! - `umb_pcf(root, receiver, side, level)`, `umb_trilinear`, `umb_share_state`: percentage-closer filtering;
 //! - `umb_state(answer, depth)`: light or shadow, and how far to trust it.
 //!
 //! | binding | buffer |
@@ -71,13 +72,14 @@ uniform! {
 }
 
 /// What every module holds, in order.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 8] = [
     include_str!("query/pool.wgsl"),
     include_str!("query/mh.wgsl"),
     include_str!("query/mmh.wgsl"),
     include_str!("wide.wgsl"),
     include_str!("query/vector.wgsl"),
     include_str!("query/answer.wgsl"),
+    include_str!("query/filter.wgsl"),
     include_str!("lattice.wgsl"),
 ];
 const KERNELS: &str = include_str!("kernel.wgsl");
@@ -100,7 +102,7 @@ pub fn module(group: u32) -> String {
     [prelude(), bindings(group), SOURCES.concat()].concat()
 }
 
-/// [`module`] in group 0 with the entry points `answer` and `pixels`, whose buffers are in group 1.
+/// [`module`] in group 0 with the entry points `answer`, `pixels` and `filtered`, whose buffers are in group 1.
 pub fn kernels() -> String {
     [&module(0), KERNELS].concat()
 }
@@ -126,6 +128,8 @@ mod tests {
             "umb_vector(",
             "umb_vector_continuous(",
             "umb_locate(",
+            "umb_pcf(",
+            "umb_trilinear(",
             "InterlockedOr",
         ] {
             assert!(text.contains(name), "{name}");
@@ -141,6 +145,6 @@ mod tests {
     #[test]
     fn the_module_has_no_entry_point() {
         assert!(!module(2).contains("@compute") && module(2).contains("@group(2) @binding(0)"));
-        assert_eq!(kernels().matches("@compute").count(), 2);
+        assert_eq!(kernels().matches("@compute").count(), 3);
     }
 }

@@ -21,6 +21,10 @@ fn umb_wide_sum(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     return vec2<u32>(low, a.y + b.y + u32(low < a.x));
 }
 
+fn umb_wide_negative(v: vec2<u32>) -> vec2<u32> {
+    return umb_wide_sum(~v, vec2<u32>(1u, 0u));
+}
+
 // floor(v / 2^shift), v with sign, shift from 0 to 63.
 fn umb_wide_shift(v: vec2<u32>, shift: u32) -> vec2<u32> {
     let high = bitcast<i32>(v.y);

@@ -17,7 +17,7 @@ use crate::support::{
 use crate::tree::Dice;
 
 /// Streams whatever the dice ask for until nothing more comes; with `all`, every page.
-fn fill(gpu: &mut GpuStreamer, dice: &mut Dice, all: bool) {
+pub fn fill(gpu: &mut GpuStreamer, dice: &mut Dice, all: bool) {
     let pages = gpu.streamer().structure().page_count();
     let wanted: Vec<bool> = (0..pages).map(|_| all || dice.roll(3) != 0).collect();
     for _ in 0..60 {

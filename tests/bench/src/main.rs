@@ -95,6 +95,8 @@ enum Suite {
     Bake,
     /// Nanoseconds per lookup against plain arrays
     Query,
+    /// Percentage-closer filters over one lookup
+    Filter,
     /// What coarse levels answer, kind vector against mh, held against the intervals of the finest level
     Levels,
     /// Wrong receivers against ray casting, and those of plain shadow maps at their best bias
@@ -158,6 +160,7 @@ fn run(args: &Args) -> Result<(), Failure> {
         Suite::Merge => suite::merge::run(args)?,
         Suite::Bake => suite::bake::run(args)?,
         Suite::Query => suite::query::run(args)?,
+        Suite::Filter => suite::filter::run(args)?,
         Suite::Levels => suite::levels::run(args)?,
         Suite::Accuracy => suite::accuracy::run(args)?,
         Suite::Stability => suite::stability::run(args)?,

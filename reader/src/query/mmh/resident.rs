@@ -12,6 +12,7 @@ use umbrage_format::kind::mh::{Mask, ROOT_GROUP, child_of};
 use umbrage_format::projection::UNCOVERED;
 
 use super::root_mask;
+use crate::query::filter::{Rect, Taps, descend};
 use crate::query::resident::GRID_LEVELS;
 
 /// A page in the array.
@@ -149,6 +150,33 @@ impl Tree {
             return start.value;
         }
         self.walk(start, x, y, level).value
+    }
+
+    /// Lit taps of those in the map: their parts go on together from the grid's cells.
+    pub(in crate::query) fn lit(&self, taps: &Taps) -> u32 {
+        if taps.level >= self.grid_level {
+            return self.lit_below(self.start(), taps.inside, taps);
+        }
+        let width = u32::from(self.log2_resolution - self.grid_level);
+        let mut lit = 0;
+        taps.inside.cells((self.grid_level - taps.level).into(), |column, row, part| {
+            let start = self.grid.get((row << width | column) as usize).copied().unwrap_or_else(|| self.start());
+            lit += if start.mask.0 == 0 { taps.lit(&part, start.value) } else { self.lit_below(start, part, taps) };
+        });
+        lit
+    }
+
+    /// Lit taps of a part that a walk leads to.
+    #[inline]
+    fn lit_below(&self, from: Walk, part: Rect, taps: &Taps) -> u32 {
+        let mut lit = 0;
+        let mut walk = |w: Walk, x, y, level| {
+            // A grid's cell may be the lowest common node already.
+            let w = if w.mask.0 == 0 || w.level < level { w } else { self.walk(w, x, y, level) };
+            (w, w.mask.0 == 0)
+        };
+        descend(from, part, taps.level, &mut walk, &mut |w, part| lit += taps.lit(part, w.value));
+        lit
     }
 
     /// Bytes held.

@@ -20,8 +20,10 @@ mod build;
 mod entries;
 
 use umbrage_format::kind::mh::child_of;
+use umbrage_format::projection::UNCOVERED;
 
 use super::{centre, inside};
+use crate::query::filter::{Rect, Taps};
 use entries::Entries;
 
 pub(in crate::query) use build::{Page, words_held};
@@ -107,6 +109,57 @@ impl Tree {
         let found = self.find(x, y, 0);
         let [fx, fy] = if found & PROVEN == 0 { [128; 2] } else { sub };
         self.entries.value(found, inside(x, fx), inside(y, fy))
+    }
+
+    /// Lit taps of those in the map: their parts go on together from the grid's cells.
+    pub(in crate::query) fn lit(&self, taps: &Taps) -> u32 {
+        if taps.level > self.grid_level {
+            let place = |v: u32| centre(v << (taps.level & 31), taps.level);
+            return taps.lit_each(&taps.inside, |x, y| {
+                let found = self.coarse(x << (taps.level & 31), y << (taps.level & 31), taps.level);
+                self.entries.value(found, place(x), place(y))
+            });
+        }
+        let width = u32::from(self.log2_resolution - self.grid_level);
+        let node = |column: u32, row: u32| self.grid.get((row << width | column) as usize).copied().unwrap_or(LEAF);
+        self.lit_in_cells(self.grid_level, taps.inside, taps, node)
+    }
+
+    /// Lit taps of a part, `node` being the nodes of level `at` by column and row.
+    #[inline]
+    fn lit_in_cells(&self, at: u8, part: Rect, taps: &Taps, node: impl Fn(u32, u32) -> u32) -> u32 {
+        let shift = u32::from(at - taps.level);
+        let ([x, u], [y, v]) = (part.x.map(|x| x >> shift), part.y.map(|y| y >> shift));
+        let first = node(x, y);
+        // A leaf above fills several cells.
+        if first == node(u, v) && first == node(u, y) && first == node(x, v) {
+            let one = first & LEAF != 0 || (x == u && y == v);
+            if one && (y..=v).all(|y| (x..=u).all(|x| node(x, y) == first)) {
+                return self.lit_below(first, at, part, taps);
+            }
+        }
+        let mut lit = 0;
+        part.cells(shift, |x, y, part| lit += self.lit_below(node(x, y), at, part, taps));
+        lit
+    }
+
+    /// Lit taps of a part that lies in the square of a node of level `at`, or that a leaf answers.
+    fn lit_below(&self, node: u32, at: u8, part: Rect, taps: &Taps) -> u32 {
+        if node & LEAF != 0 {
+            return self.entries.lit(node & !LEAF, taps, &part);
+        }
+        let level = taps.level;
+        if at < level + 2 {
+            let place = |v: u32| centre(v << (level & 31), level);
+            return taps.lit_each(&part, |x, y| {
+                let found = self.between(node, at, x << (level & 31), y << (level & 31), level);
+                self.entries.value(found, place(x), place(y))
+            });
+        }
+        let Some(Brick(nodes)) = self.bricks.get(node as usize) else { return taps.lit(&part, UNCOVERED) };
+        let cell = |x: u32, y: u32| nodes.get(((y & 3) << 2 | (x & 3)) as usize).copied().unwrap_or(LEAF);
+        // Levels fall by two each time.
+        self.lit_in_cells(at - 2, part, taps, cell)
     }
 
     /// Bytes held.

@@ -99,6 +99,51 @@ fn umb_child_page(page: UmbPage, place: u32) -> u32 {
     return page.first_child + min(place, 0xFFFFFFFFu - page.first_child);
 }
 
+// A walk on its way, in a structure of any kind.
+struct UmbWalk {
+    // The answer so far; in kind vector without its value.
+    d: UmbAnswer,
+    page: UmbPage,
+    // First word of the page that is noted as used: in mmh the last with a place in the map, which keeps those that it
+    // depends on.
+    own: u32,
+    ordinal: u32,
+    // The next group, and in mh and mmh its types, unless a node has been visited that must be opened first.
+    mask: u32,
+    group: u32,
+    // Level of the next group or of that node.
+    level: u32,
+    // That node: its word, in vector the group below it.
+    node: u32,
+    opens: bool,
+    ended: bool,
+    // Rises so far, in mmh.
+    sum: u32,
+    // What gives the value, in vector.
+    found: bool,
+    entry_page: UmbPage,
+    index: u32,
+}
+
+// A walk at the group of a root, which is `group` in its page.
+fn umb_start(root: u32, group: u32) -> UmbWalk {
+    let page = umb_page(root);
+    var d = umb_nothing(root);
+    if !page.resident {
+        d.missing = root;
+        umb_request(root);
+    }
+    let mask = (umb_word(page, UMB_FRAME_MASK_WORD) >> UMB_FRAME_MASK_SHIFT) & 0xFFu;
+    return UmbWalk(d, page, page.base, root, mask, group, umb_top(), 0u, false, !page.resident, 0u, false, page, 0u);
+}
+
+// Notes the page that a walk has come to.
+fn umb_end(w: UmbWalk) {
+    if w.page.resident {
+        umb_use(w.own);
+    }
+}
+
 // Light or shadow for a receiver in the answer's texel at lattice depth `depth`, rounded up: UMB_LIT, UMB_ANCESTOR,
 // UMB_OUTSIDE, UMB_EXACT as bits, level and word of the answering node above them.
 fn umb_state(d: UmbAnswer, depth: u32) -> u32 {

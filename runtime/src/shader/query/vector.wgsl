@@ -235,58 +235,53 @@ fn umb_entry(page: UmbPage, s: UmbSections, entry: u32, place: vec2<u32>) -> u32
     return umb_plane(page, s.planes + (number - s.first_plane) * UMB_PLANE_WORDS, place);
 }
 
-// What a walk has found: the answer without its value, and the node whose entry gives it.
-struct UmbVectorFound {
-    d: UmbAnswer,
-    found: bool,
-    page: UmbPage,
-    index: u32,
-}
-
-// The way to the finest node with an entry, which is not evaluated yet.
-fn umb_vector_walk(root: u32, x: u32, y: u32, level: u32) -> UmbVectorFound {
-    var page = umb_page(root);
-    var f = UmbVectorFound(umb_nothing(root), false, page, 0u);
-    if !page.resident {
-        f.d.missing = root;
-        umb_request(root);
-        return f;
-    }
-    var ordinal = root;
-    var group = 0u;
-    var at_level = umb_top();
-    for (var step = 0u; step < UMB_MAX_STEPS; step++) {
-        let c = umb_child(x, y, at_level);
-        var child = umb_vector_child(page, group, c);
-        if child.mask == 0u && group != 0u {
-            let place = umb_stub(page, group);
-            if place == UMB_NO_PAGE {
+// Goes on towards texel (x, y) until a node of `level` or above has been visited or the walk has ended. The entry found
+// is not evaluated yet.
+fn umb_go_vector(from_walk: UmbWalk, x: u32, y: u32, level: u32) -> UmbWalk {
+    var w = from_walk;
+    for (var step = 0u; step < UMB_MAX_STEPS && !w.ended; step++) {
+        if w.opens {
+            if w.level <= level {
                 break;
             }
-            let below = umb_child_page(page, place);
+            w.group = w.node;
+            w.opens = false;
+            w.level -= 1u;
+        }
+        let c = umb_child(x, y, w.level);
+        var child = umb_vector_child(w.page, w.group, c);
+        if child.mask == 0u && w.group != 0u {
+            let place = umb_stub(w.page, w.group);
+            if place == UMB_NO_PAGE {
+                w.ended = true;
+                break;
+            }
+            let below = umb_child_page(w.page, place);
             let next = umb_page(below);
             if !next.resident {
-                f.d.missing = below;
+                w.d.missing = below;
+                w.ended = true;
                 umb_request(below);
                 break;
             }
-            page = next;
-            ordinal = below;
-            group = 0u;
-            child = umb_vector_child(page, 0u, c);
+            w.page = next;
+            w.own = next.base;
+            w.ordinal = below;
+            w.group = 0u;
+            child = umb_vector_child(next, 0u, c);
         }
         let kind = (child.mask >> (c * 2u)) & 3u;
         if kind == UMB_NODE_LEAF || kind == UMB_NODE_INNER {
-            f = UmbVectorFound(UmbAnswer(UMB_UNCOVERED, at_level, ordinal, 4u * group + c, UMB_NO_PAGE), true, page, child.index);
+            w.d = UmbAnswer(UMB_UNCOVERED, w.level, w.ordinal, 4u * w.group + c, UMB_NO_PAGE);
+            w.found = true;
+            w.entry_page = w.page;
+            w.index = child.index;
         }
-        if kind == UMB_NODE_NONE || kind == UMB_NODE_LEAF || at_level <= level {
-            break;
-        }
-        group = child.below;
-        at_level -= 1u;
+        w.node = child.below;
+        w.opens = true;
+        w.ended = kind == UMB_NODE_NONE || kind == UMB_NODE_LEAF;
     }
-    umb_use(page.base);
-    return f;
+    return w;
 }
 
 // The bits of a texel's coordinates that count in a page's footprint: its side is twice that of the root group's nodes;
@@ -296,35 +291,42 @@ fn umb_side_mask(page: UmbPage) -> u32 {
     return (2u << (level & 31u)) - 1u;
 }
 
+// Value at the centre of the texel of `level` around (x, y) by an entry of a page.
+fn umb_vector_value(page: UmbPage, s: UmbSections, entry: u32, x: u32, y: u32, level: u32) -> u32 {
+    let l = min(level, umb_top());
+    let texel = (vec2<u32>(x, y) & vec2<u32>(umb_side_mask(page))) >> vec2<u32>(l);
+    // In two steps: no shift is by 32.
+    let corner = (texel << vec2<u32>(l)) << vec2<u32>(8u);
+    return umb_entry(page, s, entry, corner + vec2<u32>(128u << l));
+}
+
 // Walks from root `root` to texel (x, y) at `level`, in a structure of kind vector.
 fn umb_vector(root: u32, x: u32, y: u32, level: u32) -> UmbAnswer {
-    var f = umb_vector_walk(root, x, y, level);
-    if f.found {
-        let s = umb_sections(f.page);
-        let entry = umb_packed(f.page, s.indexes, s.index_bits, f.index);
-        // The centre of the texel of the level.
-        let l = min(level, umb_top());
-        let texel = (vec2<u32>(x, y) & vec2<u32>(umb_side_mask(f.page))) >> vec2<u32>(l);
-        // In two steps: no shift is by 32.
-        let corner = (texel << vec2<u32>(l)) << vec2<u32>(8u);
-        f.d.value = umb_entry(f.page, s, entry, corner + vec2<u32>(128u << l));
+    var w = umb_go_vector(umb_start(root, 0u), x, y, level);
+    umb_end(w);
+    if w.found {
+        let s = umb_sections(w.entry_page);
+        let entry = umb_packed(w.entry_page, s.indexes, s.index_bits, w.index);
+        w.d.value = umb_vector_value(w.entry_page, s, entry, x, y, level);
     }
-    return f.d;
+    return w.d;
 }
 
 // Answer at a place inside texel (x, y), (fx, fy) 1/256 of a texel from its corner (the low 8 bits count): the entry's
 // value there where it is proven over its whole square, else that of the texel.
 fn umb_vector_continuous(root: u32, x: u32, y: u32, fx: u32, fy: u32) -> UmbAnswer {
-    var f = umb_vector_walk(root, x, y, 0u);
-    if f.found {
-        let s = umb_sections(f.page);
-        let entry = umb_packed(f.page, s.indexes, s.index_bits, f.index);
+    var w = umb_go_vector(umb_start(root, 0u), x, y, 0u);
+    umb_end(w);
+    if w.found {
+        let page = w.entry_page;
+        let s = umb_sections(page);
+        let entry = umb_packed(page, s.indexes, s.index_bits, w.index);
         var sub = vec2<u32>(128u);
-        if s.proven && ((umb_word(f.page, s.proofs + f.index / 32u) >> (f.index % 32u)) & 1u) == 1u {
+        if s.proven && ((umb_word(page, s.proofs + w.index / 32u) >> (w.index % 32u)) & 1u) == 1u {
             sub = vec2<u32>(fx, fy) & vec2<u32>(0xFFu);
         }
-        let corner = (vec2<u32>(x, y) & vec2<u32>(umb_side_mask(f.page))) << vec2<u32>(8u);
-        f.d.value = umb_entry(f.page, s, entry, corner | sub);
+        let corner = (vec2<u32>(x, y) & vec2<u32>(umb_side_mask(page))) << vec2<u32>(8u);
+        w.d.value = umb_entry(page, s, entry, corner | sub);
     }
-    return f.d;
+    return w.d;
 }

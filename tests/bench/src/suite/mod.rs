@@ -5,6 +5,7 @@ pub mod bake;
 pub mod baselines;
 pub mod check;
 pub mod cold;
+pub mod filter;
 pub mod levels;
 pub mod merge;
 pub mod query;

@@ -16,6 +16,9 @@ use umbrage_format::kind::vector::entry::PLANE_MAX;
 use umbrage_format::kind::vector::{Header, Layout, Line, Plane, eval};
 use umbrage_format::projection::UNCOVERED;
 
+use super::centre;
+use crate::query::filter::{Rect, Taps, limit};
+
 /// Bit of a reference: it is to a line, whose sides are the two slots behind it. The bits below are the slot's number.
 pub(super) const SPLIT: u32 = 1 << 29;
 
@@ -266,6 +269,42 @@ impl Entries {
                 NEXT => reference = found.number(),
                 _ => return self.other_value(found.number(), x, y),
             }
+        }
+    }
+
+    /// Lit taps of a part that one entry answers. Lines and planes are extreme at corners: often these decide for all.
+    pub(super) fn lit(&self, reference: u32, taps: &Taps, part: &Rect) -> u32 {
+        let place = |v: u32| centre(v << (taps.level & 31), taps.level);
+        let each = |reference| taps.lit_each(part, |x, y| self.value(reference, place(x), place(y)));
+        let at = reference & (SPLIT - 1);
+        let Some(Four(slots)) = self.slots.get((at >> 2) as usize) else { return taps.lit(part, UNCOVERED) };
+        let slot = |n: u32| slots.get((n & 3) as usize).unwrap_or(&FREE);
+        let ([x, u], [y, v]) = (part.x.map(place), part.y.map(place));
+        let corners = [(x, y), (u, y), (x, v), (u, v)];
+        let mut found = slot(at);
+        if reference & SPLIT != 0 {
+            let beyond = corners.map(|(x, y)| found.at(x, y) < 0);
+            if beyond.iter().any(|b| *b != (found.at(x, y) < 0)) {
+                return each(reference);
+            }
+            found = slot(at + 1 + u32::from(found.at(x, y) < 0));
+        }
+        match found.b & ((1 << LOW) - 1) {
+            CONSTANT => taps.lit(part, found.plane(x, y)),
+            PLANE => {
+                let values = corners.map(|(x, y)| found.plane(x, y));
+                let [lowest, highest] = values.iter().fold([u32::MAX, 0], |[l, h], v| [l.min(*v), h.max(*v)]);
+                let [least, most] = taps.depths(part);
+                if most <= limit(lowest) {
+                    return part.count();
+                }
+                if least > limit(highest) {
+                    return 0;
+                }
+                taps.lit_each(part, |x, y| found.plane(place(x), place(y)))
+            }
+            NEXT => self.lit(found.number(), taps, part),
+            _ => each(reference),
         }
     }
 
