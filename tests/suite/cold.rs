@@ -199,10 +199,10 @@ fn the_commands_say_of_a_cold_file_what_they_say_of_a_hot_one() {
         bake(SUN, "cold.umb", &["--cold"]);
         bake("noon=dir:0.1,-0.9,0.2", "noon.umb", &[]);
         let mut dice = Dice(3);
-        let row = |i| format!("{},{},{}\n", dice.roll(512 >> (i % 4)), dice.roll(512 >> (i % 4)), i % 4);
+        let row = |i: u32| format!("{},{},{}\n", dice.roll(512 >> (i % 4)), dice.roll(512 >> (i % 4)), i % 4);
         let texels: String = (0..500).map(row).collect();
         place.write("texels.csv", format!("x,y,level\n{texels}"));
-        let row = |_| format!("{},{},{}\n", dice.roll(90) as i32 - 45, dice.roll(12), dice.roll(90) as i32 - 45);
+        let row = |_: u32| format!("{},{},{}\n", dice.roll(90) as i32 - 45, dice.roll(12), dice.roll(90) as i32 - 45);
         let points: String = (0..500).map(row).collect();
         place.write("points.csv", format!("x,y,z\n{points}"));
         let texels = |file| place.fine(&["query", file, "--texels", "texels.csv", "--light", "sun"]);
@@ -265,4 +265,11 @@ fn a_damaged_cold_page_is_named_with_its_rule() {
     let (line, rule) = said(&cut);
     assert_eq!(rule, Some(Rule::PageCold));
     assert!(line.contains("page.cold"), "{line}");
+    // A model that is none.
+    let mut bytes = golden.bytes.clone();
+    bytes[s.cold_section().unwrap().offset.get() as usize] = 41;
+    repair(&mut bytes, Seal::All);
+    let (line, rule) = said(&bytes);
+    assert_eq!(rule, Some(Rule::ColdModel));
+    assert!(line.contains("cold.model"), "{line}");
 }

@@ -297,7 +297,8 @@ fn alone(page: &[u32]) -> Vec<u8> {
     let mut entries = Vec::new();
     let mut root = word(page, 0).to_le_bytes()[1];
     if root == 0 {
-        let count = word(page, 2);
+        // As many bits as the walk names: any other word here makes no page, and must not ask for memory.
+        let count = word(page, 2) & 0x7FFF;
         at = 3 + count.div_ceil(4) as usize;
         entries.extend(
             (0..count)
