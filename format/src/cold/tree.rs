@@ -122,7 +122,7 @@ pub(super) static GROUPS: [Group; 256] = {
             g.value_at[child] = g.values;
             if kind == 1 || kind == 2 {
                 let inner = kind as u32 >> 1;
-                g.value[child] = g.words as u32 + inner | (child as u32) << 16 | inner << 18;
+                g.value[child] = (g.words as u32 + inner) | (child as u32) << 16 | inner << 18;
                 g.inner |= inner << (8 * g.values);
                 g.values += 1;
             }
@@ -274,7 +274,10 @@ fn types<C: Coder, const MERGED: bool>(
             *window.get_mut(usize::from(at))? = value;
             Some(())
         };
-        (set(0)?, set(1)?, set(2)?, set(3)?);
+        set(0)?;
+        set(1)?;
+        set(2)?;
+        set(3)?;
         found += usize::from(g.values);
         let base = low(start as u64) | level.saturating_sub(1) << 24;
         let window = pending.get_mut(count..)?.first_chunk_mut::<4>()?;
@@ -283,7 +286,10 @@ fn types<C: Coder, const MERGED: bool>(
             *window.get_mut(usize::from(at))? = Pending { node: base + own, corner: *corners.get(c)? };
             Some(())
         };
-        (set(3)?, set(2)?, set(1)?, set(0)?);
+        set(3)?;
+        set(2)?;
+        set(1)?;
+        set(0)?;
         count += usize::from(g.nodes);
     }
     values.truncate(found);
