@@ -5,7 +5,7 @@ import zlib
 
 from rules import Broken, need
 
-SLOTS = 2048
+SLOTS = 1024
 PLAIN, PLAIN_TABLES = 0x8000, [256] * 4
 MH, MMH, VECTOR = 1, 2, 3
 # Symbols of each table behind the plain ones.

@@ -7,12 +7,14 @@ use std::sync::Arc;
 use umbrage::format::cold::{Model, decode};
 use umbrage::format::{Kind, Rule};
 use umbrage::reader::query::Map;
-use umbrage::reader::{Container, FileSource, Limits, MemorySource};
+use umbrage::reader::{Container, FileSource, Limits, MapSource, MemorySource};
 use umbrage::writer::bake::{BakeOptions, Light, bake};
 use umbrage::writer::cold::{Tables, Tally};
 use umbrage::writer::scene;
 use umbrage::writer::solid::Policy;
 
+use crate::cli::{CITY, Place, SUN, text};
+use crate::golden::samples::{Seal, repair};
 use crate::golden::{self, open};
 use crate::tree::{Dice, Folder};
 
@@ -68,7 +70,11 @@ fn a_cold_bake_has_the_words_of_a_hot_one() {
         let bytes = std::fs::read(&path).unwrap();
         assert!((bytes.len() as u64) < std::fs::metadata(&hot_path).unwrap().len());
         let memory = open(bytes, Limits::default()).unwrap();
-        for file in [&file, &memory] {
+        // SAFETY: the file is ours and nobody writes to it while it is mapped.
+        #[allow(unsafe_code)]
+        let mapped = unsafe { MapSource::map(&path) }.unwrap();
+        let mapped = Container::open(Arc::new(mapped), Limits::default()).unwrap();
+        for file in [&file, &memory, &mapped] {
             assert_eq!(file.verify(|e| panic!("{e}")).faults, 0);
             let maps = [&hot, file].map(|f| Map::new(f.structure(0).unwrap()).unwrap());
             let resident = Map::new(file.structure(0).unwrap()).unwrap().preload().unwrap();
@@ -169,13 +175,101 @@ fn another_page_is_found_when_it_is_loaded() {
         let mut bytes = golden.bytes.clone();
         bytes[bit / 8] ^= 1 << (bit % 8);
         let hash = bytes.windows(8).position(|w| w == r.content_hash.get().to_le_bytes()).unwrap();
-        crate::golden::samples::repair(&mut bytes, crate::golden::samples::Seal::All);
+        repair(&mut bytes, Seal::All);
         bytes[hash..hash + 8].copy_from_slice(&r.content_hash.get().to_le_bytes());
-        crate::golden::samples::repair(&mut bytes, crate::golden::samples::Seal::Index);
+        repair(&mut bytes, Seal::Index);
         let file = Container::open(Arc::new(MemorySource::new(bytes, "changed")), Limits::default()).unwrap();
         let error = file.structure(0).unwrap().page(ordinal).unwrap_err();
         assert!(matches!(error.rule(), Some(Rule::PageHash | Rule::PageCold)), "{error}");
         found += u32::from(error.rule() == Some(Rule::PageHash));
     }
     assert!(found > 0);
+}
+
+/// What the commands say of a file is the same of its hot twin, and `merge` keeps each structure's form.
+#[test]
+fn the_commands_say_of_a_cold_file_what_they_say_of_a_hot_one() {
+    for kind in KINDS.map(Kind::name) {
+        let place = Place::new(&format!("cold-{kind}"));
+        let bake = |light: &str, file: &str, cold: &[&str]| {
+            let args = ["bake", CITY, "--light", light, "--resolution", "512", "--kind", kind, "-o", file];
+            place.fine(&[&args, cold].concat());
+        };
+        bake(SUN, "hot.umb", &[]);
+        bake(SUN, "cold.umb", &["--cold"]);
+        bake("noon=dir:0.1,-0.9,0.2", "noon.umb", &[]);
+        let mut dice = Dice(3);
+        let row = |i: u32| format!("{},{},{}\n", dice.roll(512 >> (i % 4)), dice.roll(512 >> (i % 4)), i % 4);
+        let texels: String = (0..500).map(row).collect();
+        place.write("texels.csv", format!("x,y,level\n{texels}"));
+        let row = |_: u32| format!("{},{},{}\n", dice.roll(90) as i32 - 45, dice.roll(12), dice.roll(90) as i32 - 45);
+        let points: String = (0..500).map(row).collect();
+        place.write("points.csv", format!("x,y,z\n{points}"));
+        let texels = |file| place.fine(&["query", file, "--texels", "texels.csv", "--light", "sun"]);
+        let world = |file| place.fine(&["query", file, "--world", "points.csv", "--light", "sun", "--source", CITY]);
+        let picture = |file: &str| {
+            let camera = ["--camera", "60,40,60,0,0,0", "--size", "160x90", "--light", "sun", "--backend", "cpu"];
+            place.fine(&[&["render", CITY, file, "-o", "view.png"], &camera[..]].concat());
+            std::fs::read(place.file("view.png")).unwrap()
+        };
+        let proof = |file| {
+            let said = place.fine(&["verify", file, "--source", CITY]);
+            said.lines().filter(|l| l.contains("outside")).map(str::to_string).collect::<Vec<_>>()
+        };
+        assert!(!proof("hot.umb").is_empty());
+        assert_eq!(proof("hot.umb"), proof("cold.umb"), "{kind}");
+        assert!(texels("hot.umb").lines().collect::<std::collections::HashSet<_>>().len() > 300, "{kind}");
+        assert!(picture("hot.umb") == picture("cold.umb"), "{kind}");
+        place.fine(&["merge", "noon.umb", "cold.umb", "-o", "both.umb"]);
+        place.fine(&["verify", "both.umb"]);
+        let both = open(std::fs::read(place.file("both.umb")).unwrap(), Limits::default()).unwrap();
+        let forms: Vec<bool> = both.structures().map(|s| s.cold_section().is_some()).collect();
+        assert_eq!(forms, [false, true], "{kind}");
+        for file in ["cold.umb", "both.umb"] {
+            assert_eq!(texels("hot.umb"), texels(file), "{kind}");
+            assert_eq!(world("hot.umb"), world(file), "{kind}");
+        }
+    }
+}
+
+/// Damage to a cold page by its rule, and the other pages are read all the same.
+#[test]
+fn a_damaged_cold_page_is_named_with_its_rule() {
+    let place = Place::new("cold-damaged");
+    let golden = golden::named("cold");
+    let file = open(golden.bytes.clone(), Limits::default()).unwrap();
+    let s = file.structure(0).unwrap();
+    let ordinal = (0..s.page_count()).find(|o| s.page_record(*o).unwrap().cold_words.get() != 0).unwrap();
+    let r = s.page_record(ordinal).unwrap();
+    let (start, end) = (r.offset.get() as usize, r.end() as usize);
+    let said = |bytes: &[u8]| {
+        place.write("bad.umb", bytes);
+        let out = place.run(&["verify", "bad.umb"]);
+        assert_eq!(out.status.code(), Some(1));
+        let file = open(bytes.to_vec(), Limits::default()).unwrap();
+        let error = file.structure(0).unwrap().page(ordinal).unwrap_err();
+        assert!(file.structure(0).unwrap().page(0).is_ok());
+        (text(&out).0, error.rule())
+    };
+    // As a cut leaves it: the rest is zero.
+    let mut cut = golden.bytes.clone();
+    cut[(start + end) / 2..end].fill(0);
+    let (line, rule) = said(&cut);
+    assert_eq!(rule, Some(Rule::PageCrc));
+    assert!(line.contains("page.crc"), "{line}");
+    // And where all sums are right.
+    let hash = cut.windows(8).position(|w| w == r.content_hash.get().to_le_bytes()).unwrap();
+    repair(&mut cut, Seal::All);
+    cut[hash..hash + 8].copy_from_slice(&r.content_hash.get().to_le_bytes());
+    repair(&mut cut, Seal::Index);
+    let (line, rule) = said(&cut);
+    assert_eq!(rule, Some(Rule::PageCold));
+    assert!(line.contains("page.cold"), "{line}");
+    // A model that is none.
+    let mut bytes = golden.bytes.clone();
+    bytes[s.cold_section().unwrap().offset.get() as usize] = 41;
+    repair(&mut bytes, Seal::All);
+    let (line, rule) = said(&bytes);
+    assert_eq!(rule, Some(Rule::ColdModel));
+    assert!(line.contains("cold.model"), "{line}");
 }

@@ -16,6 +16,9 @@ use super::model::{PROBABILITY_BITS, SLOTS, Slot};
 /// States are at least this.
 pub const LEAST_STATE: u32 = 1 << 16;
 
+/// Of a table that is not there.
+static NO_SLOTS: [Slot; SLOTS] = [Slot::NONE; SLOTS];
+
 /// Takes the numbers of a page in their order.
 pub trait Coder {
     /// A symbol of a table; `real` is what it is where numbers are noted.
@@ -59,7 +62,7 @@ pub trait Coder {
 /// Reads the numbers of a cold page.
 #[derive(Debug)]
 pub struct Decoder<'a> {
-    slots: &'a [Slot],
+    slots: &'a [[Slot; SLOTS]],
     states: [u32; 2],
     halves: &'a [[u8; 2]],
     /// Halves taken; beyond their end zeros are.
@@ -94,24 +97,25 @@ impl<'a> Decoder<'a> {
         let byte = self.at / 8;
         let word = match self.bits.get(byte..).and_then(|b| b.first_chunk::<8>()) {
             Some(bytes) => u64::from_le_bytes(*bytes),
-            None => self.last(byte),
+            None => last(self.bits, byte),
         };
         word >> (self.at % 8)
     }
+}
 
-    /// The last bytes, where fewer than 8 are left.
-    #[cold]
-    fn last(&self, byte: usize) -> u64 {
-        let bytes = self.bits.get(byte..).unwrap_or_default();
-        bytes.iter().take(8).rev().fold(0, |all, b| all << 8 | u64::from(*b))
-    }
+/// The last bytes, where fewer than 8 are left. Not of the decoder, which then needs no place in memory.
+#[cold]
+fn last(bits: &[u8], byte: usize) -> u64 {
+    let bytes = bits.get(byte..).unwrap_or_default();
+    bytes.iter().take(8).rev().fold(0, |all, b| all << 8 | u64::from(*b))
 }
 
 impl Coder for Decoder<'_> {
     #[inline]
     fn symbol(&mut self, table: usize, _: impl FnOnce() -> u32) -> u32 {
         let [state, other] = self.states;
-        let slot = self.slots.get(table * SLOTS + (state as usize & (SLOTS - 1))).copied().unwrap_or_default();
+        let slots = self.slots.get(table).unwrap_or(&NO_SLOTS);
+        let slot = slots.get(state as usize & (SLOTS - 1)).copied().unwrap_or_default();
         let next = slot.frequency() * (state >> PROBABILITY_BITS) + slot.bias();
         let half = self.halves.get(self.taken).map_or(0, |h| u32::from(u16::from_le_bytes(*h)));
         let short = next < LEAST_STATE;

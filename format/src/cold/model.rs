@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! byte 0        near: what counts as a value on a known surface, 0 to 40 (kinds mh and mmh; else 0)
-//! then          for each table of the kind its frequencies, which sum to 2^11 or are all zero:
+//! then          for each table of the kind its frequencies, which sum to 2^10 or are all zero:
 //!                   1 to 127       a frequency
 //!                   128 + h, l     the frequency 256 h + l, at least 128
 //!                   0, n           n frequencies of zero, at least 1
@@ -19,7 +19,7 @@ use super::{plain, tree, vector};
 use crate::kind::Kind;
 
 /// Frequencies of a table sum to 2 to this power.
-pub const PROBABILITY_BITS: u32 = 11;
+pub const PROBABILITY_BITS: u32 = 10;
 /// Slots of a table.
 pub const SLOTS: usize = 1 << PROBABILITY_BITS;
 /// Most slopes, and most selectors.
@@ -43,6 +43,8 @@ pub fn alphabets(kind: Kind) -> Vec<u16> {
 pub struct Slot(u32);
 
 impl Slot {
+    pub(super) const NONE: Slot = Slot(0);
+
     /// The symbol.
     #[inline]
     pub fn symbol(self) -> u32 {
@@ -125,8 +127,8 @@ impl Model {
     }
 
     /// [`SLOTS`] of each table.
-    pub(super) fn slots(&self) -> &[Slot] {
-        &self.slots
+    pub(super) fn slots(&self) -> &[[Slot; SLOTS]] {
+        self.slots.as_chunks().0
     }
 }
 

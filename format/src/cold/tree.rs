@@ -37,28 +37,47 @@ pub(super) const MMH_TABLES: &[(usize, u16)] = &[(8, 256), (8, 40), (1, 3), (1, 
 /// The children of an inner or empty node, yet to come.
 #[derive(Clone, Copy, Default)]
 struct Pending {
-    /// Word of the node; 0 for the root group.
-    node: u16,
-    /// Whether the node is empty, and level of the children.
-    empty: u8,
-    level: u8,
-    /// The first texel, half texels from the page's corner.
-    x: i32,
-    y: i32,
+    /// Bits 0..16 word of the node (0 for the root group), 16..24 whether it is empty, 24..32 level of the children.
+    node: u32,
+    /// The first texel, half texels from the page's corner; y in the high half.
+    corner: u64,
 }
 
 /// A value, yet to come.
 #[derive(Clone, Copy, Default)]
 struct Value {
-    word: u16,
-    /// Bits 0..2 the child, bit 2 whether it is inner.
-    child: u8,
-    level: u8,
-    /// Number of the group.
-    group: u32,
-    /// The square's centre, half texels.
-    x: i32,
-    y: i32,
+    /// Bits 0..16 its word, 16..18 the child, 18 whether it is inner, 24..32 level, 32..64 number of the group.
+    what: u64,
+    /// The square's centre, as a corner.
+    centre: u64,
+}
+
+impl Value {
+    #[inline]
+    fn word(&self) -> usize {
+        low(self.what & 0xFFFF) as usize
+    }
+
+    #[inline]
+    fn level(&self) -> u32 {
+        low(self.what) >> 24
+    }
+
+    #[inline]
+    fn child(&self) -> usize {
+        low(self.what >> 16 & 3) as usize
+    }
+
+    /// 4 for inner nodes, else 0.
+    #[inline]
+    fn inner(&self) -> usize {
+        low(self.what >> 16 & 4) as usize
+    }
+
+    #[inline]
+    fn place(&self) -> (i32, i32) {
+        (low(self.centre).cast_signed(), low(self.centre >> 32).cast_signed())
+    }
 }
 
 /// What a mask says of its group.
@@ -68,31 +87,57 @@ pub(super) struct Group {
     /// Nodes with a value, and nodes with children.
     pub(super) values: u8,
     pub(super) nodes: u8,
-    /// Bytes, the first in the lowest: bits 0..2 the child, bit 2 whether it is inner (of `nodes`: empty), from bit 4 on
-    /// the word. Values by rising child, nodes by falling.
-    pub(super) value: u32,
-    node: u32,
+    /// Of each value, by rising child, bit 0 of a byte: whether it is of an inner node.
+    pub(super) inner: u32,
+    /// The same of the nodes with children, by rising child: whether it is empty.
+    pub(super) empty: u32,
+    /// Of each child what is added to that of the group's first word, see [`Value`] and [`Pending`].
+    value: [u32; 4],
+    node: [u32; 4],
+    /// Where it stands among the values, by rising child, and among the nodes with children, by falling child; of a child
+    /// that is none, where the next one does, so that it is overwritten.
+    value_at: [u8; 4],
+    node_at: [u8; 4],
 }
 
 #[allow(clippy::indexing_slicing, clippy::cast_possible_truncation, reason = "runs while this is compiled")]
 pub(super) static GROUPS: [Group; 256] = {
-    let mut groups = [Group { words: 0, values: 0, nodes: 0, value: 0, node: 0 }; 256];
+    let none = Group {
+        words: 0,
+        values: 0,
+        nodes: 0,
+        inner: 0,
+        empty: 0,
+        value: [0; 4],
+        node: [0; 4],
+        value_at: [0; 4],
+        node_at: [0; 4],
+    };
+    let mut groups = [none; 256];
     let mut mask = 0;
     while mask < 256 {
-        let (mut g, mut child) = (Group { words: 0, values: 0, nodes: 0, value: 0, node: 0 }, 0);
+        let (mut g, mut child, mut nodes) = (none, 0, 0);
         while child < 4 {
             let kind = mask >> (2 * child) & 3;
+            g.value_at[child] = g.values;
             if kind == 1 || kind == 2 {
                 let inner = kind as u32 >> 1;
-                g.value |= (child as u32 | inner << 2 | (g.words as u32 + inner) << 4) << (8 * g.values);
+                g.value[child] = (g.words as u32 + inner) | (child as u32) << 16 | inner << 18;
+                g.inner |= inner << (8 * g.values);
                 g.values += 1;
             }
             if kind >= 2 {
-                g.node = g.node << 8 | child as u32 | (kind as u32 & 1) << 2 | (g.words as u32) << 4;
-                g.nodes += 1;
+                g.node[child] = g.words as u32 | (kind as u32 & 1) << 16;
+                g.empty |= (kind as u32 & 1) << (8 * nodes);
+                nodes += 1;
             }
             g.words += [0, 1, 2, 1][kind];
             child += 1;
+        }
+        while child > 0 {
+            child -= 1;
+            g.node_at[child] = g.nodes;
+            g.nodes += (mask >> (2 * child + 1) & 1) as u8;
         }
         groups[mask] = g;
         mask += 1;
@@ -143,7 +188,7 @@ fn types<C: Coder, const MERGED: bool>(
     // A value takes a word, and so does a node that waits; each is written with up to 3 more behind it.
     let mut values = vec![Value::default(); out.len() + 4];
     let mut pending = vec![Pending::default(); out.len() + 4];
-    *pending.first_mut()? = Pending { level, ..Pending::default() };
+    *pending.first_mut()? = Pending { node: u32::from(level) << 24, corner: 0 };
     let (mut count, mut found) = (usize::from(root != 0), 0usize);
     let (mut references, mut group) = (0u32, 0u32);
     // Of mmh: masks of groups that wait at their word, and in the high byte their level + 1.
@@ -154,7 +199,7 @@ fn types<C: Coder, const MERGED: bool>(
             if MERGED {
                 let [mask, level] = waiting.get(end)?.to_le_bytes();
                 if level != 0 {
-                    break 'group (mask, Pending { level: level - 1, ..Pending::default() });
+                    break 'group (mask, Pending { node: u32::from(level - 1) << 24, corner: 0 });
                 }
             }
             // Entries of a shared page may begin while groups wait for their turn.
@@ -166,12 +211,13 @@ fn types<C: Coder, const MERGED: bool>(
             };
             count = next;
             let next = *pending.get(count)?;
-            if next.node == 0 {
+            let [empty, level] = [next.node >> 16 & 1, next.node >> 24];
+            let at = (next.node & 0xFFFF) as usize;
+            if at == 0 {
                 break 'group (root, next);
             }
-            let at = usize::from(next.node);
             let known = word(real, at);
-            let types = c.symbol(MASKS + usize::from(next.empty) * 4 + usize::from(next.level.min(3)), || {
+            let types = c.symbol(MASKS + (empty * 4 + level.min(3)) as usize, || {
                 let here = if MERGED {
                     known >> 8 & 0xFF == 0 && alone.get((known >> 16) as usize) == Some(&1)
                 } else {
@@ -194,8 +240,9 @@ fn types<C: Coder, const MERGED: bool>(
                     }
                     0 => {
                         let to = c.bits(14, || known >> 16);
-                        *waiting.get_mut(to as usize)? =
-                            u16::from_le_bytes([mask.to_le_bytes()[0], next.level.saturating_add(1)]);
+                        let [mask, ..] = mask.to_le_bytes();
+                        let [level, ..] = (level + 1).to_le_bytes();
+                        *waiting.get_mut(to as usize)? = u16::from_le_bytes([mask, level]);
                         to << 16
                     }
                     _ => {
@@ -207,7 +254,7 @@ fn types<C: Coder, const MERGED: bool>(
             continue 'all;
         };
         let g = GROUPS.get(usize::from(mask))?;
-        let Pending { level, x, y, .. } = place;
+        let level = place.node >> 24;
         let start = end;
         end += usize::from(g.words);
         // A group without words would be met here for ever.
@@ -215,41 +262,38 @@ fn types<C: Coder, const MERGED: bool>(
             return None;
         }
         group += 1;
-        let (half, whole) = (1i32 << level, 2i32 << level);
-        let corner = |bits: u32| {
-            let child = bits.cast_signed();
-            (x + (child & 1) * whole, y + (child >> 1 & 1) * whole)
+        // Both halves at once: neither comes near 2^31.
+        let [half, x, y] = [(1u64 << 32 | 1) << level, 2 << level, 2 << (32 + level)];
+        let corners = [place.corner, place.corner + x, place.corner + y, place.corner + x + y];
+        // All four are written, whatever they are: what is too many is overwritten.
+        let base = start as u64 | u64::from(level) << 24 | u64::from(group) << 32;
+        let window = values.get_mut(found..)?.first_chunk_mut::<4>()?;
+        let mut set = |c: usize| {
+            let (own, at) = (*g.value.get(c)?, *g.value_at.get(c)? & 3);
+            let value = Value { what: base + u64::from(own), centre: corners.get(c)? + half };
+            *window.get_mut(usize::from(at))? = value;
+            Some(())
         };
-        // All four are written, whatever there is: what is too many is overwritten.
-        let mut bits = g.value;
-        for value in values.get_mut(found..found + 4)? {
-            let (x, y) = corner(bits);
-            let [child, ..] = (bits & 7).to_le_bytes();
-            let word = low16(start + (bits >> 4 & 15) as usize);
-            *value = Value { word, child, level, group, x: x + half, y: y + half };
-            bits >>= 8;
-        }
+        set(0)?;
+        set(1)?;
+        set(2)?;
+        set(3)?;
         found += usize::from(g.values);
-        let mut bits = g.node;
-        for node in pending.get_mut(count..count + 4)? {
-            let (x, y) = corner(bits);
-            let [empty, ..] = (bits >> 2 & 1).to_le_bytes();
-            *node =
-                Pending { node: low16(start + (bits >> 4 & 15) as usize), empty, level: level.saturating_sub(1), x, y };
-            bits >>= 8;
-        }
+        let base = low(start as u64) | level.saturating_sub(1) << 24;
+        let window = pending.get_mut(count..)?.first_chunk_mut::<4>()?;
+        let mut set = |c: usize| {
+            let (own, at) = (*g.node.get(c)?, *g.node_at.get(c)? & 3);
+            *window.get_mut(usize::from(at))? = Pending { node: base + own, corner: *corners.get(c)? };
+            Some(())
+        };
+        set(3)?;
+        set(2)?;
+        set(1)?;
+        set(0)?;
         count += usize::from(g.nodes);
     }
     values.truncate(found);
     (end == out.len()).then_some(values)
-}
-
-/// Low 16 bits.
-#[inline]
-#[allow(clippy::cast_possible_truncation)]
-fn low16(v: usize) -> u16 {
-    // Words of a page are at most 16384.
-    v as u16
 }
 
 /// Of every word, how many nodes refer to it as the first of a group; 2 stands for more.
@@ -259,7 +303,8 @@ fn alone(page: &[u32]) -> Vec<u8> {
     let mut entries = Vec::new();
     let mut root = word(page, 0).to_le_bytes()[1];
     if root == 0 {
-        let count = word(page, 2);
+        // As many bits as the walk names: any other word here makes no page, and must not ask for memory.
+        let count = word(page, 2) & 0x7FFF;
         at = 3 + count.div_ceil(4) as usize;
         entries.extend(
             (0..count)
@@ -291,8 +336,8 @@ fn alone(page: &[u32]) -> Vec<u8> {
 /// Rises of kind `mmh`.
 fn rises<C: Coder>(c: &mut C, real: &[u32], out: &mut [u32], values: &[Value]) -> Option<()> {
     for v in values {
-        let at = usize::from(v.word);
-        let table = RISES + usize::from(v.child & 4) + usize::from(v.level.min(3));
+        let at = v.word();
+        let table = RISES + v.inner() + v.level().min(3) as usize;
         let rise = c.number(table, || zigzag(word(real, at).cast_signed().into()));
         put(out, at, low(unzigzag(rise).cast_unsigned()))?;
     }
@@ -323,7 +368,8 @@ impl Surface {
 
     #[inline]
     fn differs(&self, v: &Value, value: u32) -> u64 {
-        zigzag(value.wrapping_sub(self.at(v.x, v.y)).cast_signed().into())
+        let (x, y) = v.place();
+        zigzag(value.wrapping_sub(self.at(x, y)).cast_signed().into())
     }
 }
 
@@ -336,13 +382,13 @@ fn depths<C: Coder>(c: &mut C, model: &Model, real: &[u32], out: &mut [u32], val
     let mut surfaces = [Surface::default(); 2];
     // Which of them was last.
     let mut front = 0usize;
-    // Value, group and surface of the last with each child number.
-    let mut last = [(0u32, 0u32, 0u32); 4];
+    // Value of the last with each child number; its group above the surface.
+    let mut last = [(0u32, 0u64); 4];
     let (mut before, mut id) = (0usize, 1u32);
     for v in values {
-        let at = usize::from(v.word);
+        let (at, (x, y)) = (v.word(), v.place());
         let known = word(real, at);
-        let symbol = c.symbol(VALUES + usize::from(v.child & 4) + before, || {
+        let symbol = c.symbol(VALUES + v.inner() + before, || {
             let length = |s: usize| u64::BITS - surfaces.get(s & 1).map_or(0, |s| s.differs(v, known)).leading_zeros();
             let [a, b] = [length(front), length(front ^ 1)];
             // Another surface than the last costs about two bits more.
@@ -351,24 +397,25 @@ fn depths<C: Coder>(c: &mut C, model: &Model, real: &[u32], out: &mut [u32], val
         let (other, length) = (usize::from(symbol > LENGTH), symbol & LENGTH);
         let from = *surfaces.get((front ^ other) & 1)?;
         let z = c.rest(length, from.differs(v, known));
-        let value = from.at(v.x, v.y).wrapping_add(low(unzigzag(z).cast_unsigned()));
+        let value = from.at(x, y).wrapping_add(low(unzigzag(z).cast_unsigned()));
         put(out, at, value)?;
         let miss = usize::from(length > near);
         before = if miss == 1 { 3 } else { (other * 2) | (usize::from(length >= 4) & !other) };
         id = id.wrapping_add(1);
         let own = if miss == 1 { id } else { from.id };
-        let child = usize::from(v.child & 3);
+        let child = v.child();
+        let key = v.what >> 32 << 32 | u64::from(own);
         // The sibling beside, where it came before, and on the same surface.
         let slope = |sibling: usize, old: i64| {
-            let (depth, group, surface) = last.get(sibling & 3).copied().unwrap_or_default();
-            let slope = i64::from(value.wrapping_sub(depth).cast_signed()) << 16 >> (v.level + 1);
-            if (group == v.group) & (surface == own) { slope } else { old }
+            let (depth, surface) = last.get(sibling & 3).copied().unwrap_or_default();
+            let slope = i64::from(value.wrapping_sub(depth).cast_signed()) << 16 >> (v.level() + 1);
+            if surface == key { slope } else { old }
         };
         let (gx, gy) = (slope(child ^ 1, from.gx), slope(child ^ 2, from.gy));
-        *last.get_mut(child)? = (value, v.group, own);
+        *last.get_mut(child)? = (value, key);
         // What lies on the last surface goes on from it; anything else takes the other's place.
         front ^= other | miss;
-        *surfaces.get_mut(front & 1)? = Surface { value, x: v.x, y: v.y, gx, gy, id: own };
+        *surfaces.get_mut(front & 1)? = Surface { value, x, y, gx, gy, id: own };
     }
     Some(())
 }

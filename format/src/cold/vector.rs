@@ -173,16 +173,16 @@ fn topology<C: Coder>(c: &mut C, words: &[u32], out: &mut [u32], root: u8, level
     let most = (out.len() / BLOCK_WORDS as usize * BLOCK_GROUPS as usize).min(MAX_GROUPS.into());
     let mut groups: Vec<Group> = Vec::with_capacity(most.min(out.len()));
     // Table of each group to come; of the root group, whose types the frame has, none.
-    let mut tables: Vec<u8> = Vec::with_capacity(most.min(out.len()) + 4);
-    tables.push(0);
+    let (mut tables, mut count) = (vec![0u8; most + 4], 1usize);
     let (mut entries, mut level, mut next) = (0u32, level, 1usize);
     let mut number = 0usize;
-    while let Some(&table) = tables.get(number) {
+    while number < count {
+        let table = *tables.get(number)?;
         if number == next {
-            (level, next) = (level.saturating_sub(1), tables.len());
+            (level, next) = (level.saturating_sub(1), count);
         }
         let block = TOPOLOGY as usize + number / BLOCK_GROUPS as usize * BLOCK_WORDS as usize;
-        let below = u32::try_from(tables.len()).ok()?;
+        let below = u32::try_from(count).ok()?;
         if number.is_multiple_of(BLOCK_GROUPS as usize) {
             put(out, block, (below - 1) & 0xFFFF | entries << 16)?;
         }
@@ -194,15 +194,13 @@ fn topology<C: Coder>(c: &mut C, words: &[u32], out: &mut [u32], root: u8, level
         };
         *out.get_mut(place)? |= u32::from(mask) << shift;
         groups.push(Group { mask, below, entries });
-        let context = level.saturating_sub(1).min(3);
-        let (second, first) = (mask >> 1 & 0x55, mask & 0x55);
-        entries += (first ^ second).count_ones();
-        let mut rest = second;
-        while rest != 0 {
-            tables.push((first >> rest.trailing_zeros() & 1) * 4 + context);
-            rest &= rest - 1;
-        }
-        if tables.len() > most {
+        let own = GROUPS.get(usize::from(mask))?;
+        entries += u32::from(own.values);
+        // Four at a time: what is too many is overwritten.
+        let context = u32::from(level.saturating_sub(1).min(3)) * 0x0101_0101;
+        *tables.get_mut(count..)?.first_chunk_mut::<4>()? = (own.empty * 4 + context).to_le_bytes();
+        count += usize::from(own.nodes);
+        if count > most {
             return None;
         }
         number += 1;
@@ -230,8 +228,12 @@ fn pack(out: &mut [u32], at: usize, width: u32, n: u32, number: u32) -> Option<(
     let first = at + (bit / 32) as usize;
     let bits = u64::from(number) << (bit % 32);
     *out.get_mut(first)? |= low(bits);
-    if bit % 32 + width > 32 {
-        *out.get_mut(first + 1)? |= low(bits >> 32);
+    // Whether bits are left can't be foreseen; words behind mostly are there.
+    let high = low(bits >> 32);
+    match out.get_mut(first + 1) {
+        Some(word) => *word |= high,
+        None if high != 0 => return None,
+        None => {}
     }
     Some(())
 }
@@ -281,17 +283,12 @@ fn indexes<C: Coder>(
     while let Some(top) = waits.checked_sub(1) {
         let g = *groups.get(*pending.get(top)? as usize)?;
         let own = GROUPS.get(usize::from(g.mask))?;
-        let mut bits = own.value;
-        for (entry, slot) in (g.entries..).zip(order.get_mut(met..met + 4)?) {
-            *slot = (entry, (bits >> 2 & 1).to_le_bytes()[0]);
-            bits >>= 8;
-        }
+        let (e, [i, j, k, l]) = (g.entries, own.inner.to_le_bytes());
+        *order.get_mut(met..)?.first_chunk_mut()? = [(e, i), (e + 1, j), (e + 2, k), (e + 3, l)];
         met += usize::from(own.values);
         let nodes = u32::from(own.nodes);
         let last = g.below.wrapping_add(nodes).wrapping_sub(1);
-        for (back, slot) in (0..).zip(pending.get_mut(top..top + 4)?) {
-            *slot = last.wrapping_sub(back);
-        }
+        *pending.get_mut(top..)?.first_chunk_mut()? = [0, 1, 2, 3].map(|back| last.wrapping_sub(back));
         waits = top + nodes as usize;
     }
     order.truncate(met);
@@ -478,15 +475,12 @@ fn each_split<C: Coder>(
             let ago = lines.iter().position(|l| *l == line);
             u32::try_from(ago.unwrap_or_else(|| RECENT_LINES + length(ahead(line, line_next)) as usize)).unwrap_or(0)
         });
-        let line = match symbol.checked_sub(8) {
-            Some(length) => {
-                let line = from(line_next, c.rest(length, ahead(known & 0x3FF, line_next)));
-                line_next = line.wrapping_add(1);
-                line
-            }
-            None => lines.get(symbol as usize).copied()?,
-        };
+        // Both ways at once here, too.
+        let fresh = from(line_next, c.rest(symbol.saturating_sub(8), ahead(known & 0x3FF, line_next)));
+        let old = lines.get((symbol & 7) as usize).copied()?;
         told = usize::from(symbol < 8);
+        let line = if told != 0 { old } else { fresh };
+        line_next = if told != 0 { line_next } else { fresh.wrapping_add(1) };
         lines.rotate_right(1);
         *lines.first_mut()? = line;
         // A split that is a part is likely one of the last ones.

@@ -238,6 +238,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("structure.root", "breaches_of_more_than_a_byte_are_named"),
     ("page.padding", "breaches_of_more_than_a_byte_are_named"),
     ("page.hash", "breaches_of_more_than_a_byte_are_named"),
+    ("cold.model", "tests/suite/cold.rs: a_damaged_cold_page_is_named_with_its_rule"),
     ("page.cold", "breaches_of_more_than_a_byte_are_named"),
     ("index.shared", "later::shared_pages_have_no_footprint"),
     ("mh.link", "a_child_in_the_wrong_place_is_found_by_preload_and_verify"),

@@ -12,7 +12,7 @@ use zerocopy::{FromBytes, IntoBytes};
 
 use crate::agree::{self, Answered};
 use crate::support::{
-    city_as, container, device, opened, queries, random_merged, random_tree, random_vector, shared_city,
+    city_as, city_with, container, device, opened, queries, random_merged, random_tree, random_vector, shared_city,
 };
 use crate::tree::Dice;
 
@@ -116,6 +116,28 @@ fn a_million_queries_on_a_merged_city() {
     let structure = opened(city_as(&folder.0.join("city.umb"), 2048, Kind::Mmh));
     assert!(structure.record().shared_pages.get() > 0);
     hold("merged city", &structure, 29);
+}
+
+/// Cold pages are decoded on their way to the device: all answers are those of the hot file.
+#[test]
+fn a_cold_city_answers_as_a_hot_one() {
+    let headless = device();
+    for kind in [Kind::Mh, Kind::Mmh, Kind::Vector] {
+        let folder = crate::tree::Folder::new(&format!("parity-cold-{}", kind.name()));
+        let [hot, cold] = [false, true].map(|cold| opened(city_with(&folder.0.join("city.umb"), 1024, kind, cold)));
+        let is_cold = |o: u32| cold.page_record(o).unwrap().cold_words.get() != 0;
+        assert!((0..cold.page_count()).any(is_cold), "{kind:?}");
+        let queries = queries(&mut Dice(31), 10, 100_000);
+        let answers = [&hot, &cold].map(|structure| {
+            let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, structure, 64 << 20).unwrap();
+            fill(&mut gpu, &mut Dice(37), true);
+            assert_eq!(gpu.streamer().stats().resident, structure.page_count());
+            let answered = agree::ask(&mut gpu, 0, &queries);
+            assert_eq!(agree::compare(&answered, structure, 0, &queries)[1], 0);
+            answered.answers
+        });
+        assert!(answers[0] == answers[1], "{kind:?}");
+    }
 }
 
 /// Makes the checksums of a file of one structure and one index block good again.

@@ -44,6 +44,11 @@ pub fn city(path: &Path, resolution: u64) -> Vec<u8> {
 
 /// A small city, baked in a kind.
 pub fn city_as(path: &Path, resolution: u64, kind: Kind) -> Vec<u8> {
+    city_with(path, resolution, kind, false)
+}
+
+/// The same, with cold pages or without.
+pub fn city_with(path: &Path, resolution: u64, kind: Kind, cold: bool) -> Vec<u8> {
     let mesh = umbrage_writer::scene::generated("city:1:0.05").unwrap().unwrap();
     let options = BakeOptions {
         lights: vec![Light { name: "sun".into(), direction: [0.4, -1.0, 0.3] }],
@@ -54,7 +59,7 @@ pub fn city_as(path: &Path, resolution: u64, kind: Kind) -> Vec<u8> {
         top_down: false,
         mmh: Default::default(),
         memory_bytes: None,
-        cold: false,
+        cold,
     };
     bake(&mesh, &options, path, &Progress::default()).unwrap();
     std::fs::read(path).unwrap()

@@ -2,6 +2,7 @@
 //! does, from memory and from the file; what is stored lies inside the texel's interval; and the index says of each
 //! page exactly what lookups find there.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use umbrage_format::Kind;
@@ -103,22 +104,31 @@ impl Image {
     }
 }
 
-/// Writes the pages, reads them back from memory and from the file, and asks everything.
-fn compare(kind: Kind, log2: u8, pages: &[PageInput], expected: impl Fn(u32, u32, u8) -> u32) -> Map {
-    let folder = Folder::new("fuzz-roundtrip");
-    let path = folder.0.join("map.umb");
+/// Writes the pages.
+fn written(path: &Path, options: ContainerOptions, kind: Kind, log2: u8, pages: &[PageInput]) {
     let records = vec![structure("sun", kind, log2, pages.len())];
-    let mut writer = ContainerWriter::create(&path, ContainerOptions::new(ID), records).expect("a new file");
+    let mut writer = ContainerWriter::create(path, options, records).expect("a new file");
     for page in pages {
         writer.push(page).expect("a page of the tree");
     }
     writer.finish().expect("a whole file");
+}
+
+/// Writes the pages, reads them back from memory, from the file and from a file of cold pages, and asks everything.
+fn compare(kind: Kind, log2: u8, pages: &[PageInput], expected: impl Fn(u32, u32, u8) -> u32) -> Map {
+    let folder = Folder::new("fuzz-roundtrip");
+    let [path, cold] = ["map.umb", "cold.umb"].map(|name| folder.0.join(name));
+    written(&path, ContainerOptions::new(ID), kind, log2, pages);
+    written(&cold, ContainerOptions::cold(ID), kind, log2, pages);
     let bytes = std::fs::read(&path).expect("the file");
     let open = |source| Container::open(source, Limits::default()).expect("what the writer wrote");
     let map = |file: &Container| Map::new(file.structure(0).expect("one")).expect("a map");
     let memory = open(Arc::new(MemorySource::new(bytes, "memory")));
     let file = open(Arc::new(FileSource::open(&path).expect("the file")));
+    let cold = open(Arc::new(FileSource::open(&cold).expect("the file")));
     memory.verify(|e| panic!("{e}"));
+    cold.verify(|e| panic!("{e}"));
+    let cold = map(&cold);
     let (lazy, resident, on_disk) = (map(&memory), map(&memory).preload().expect("pages"), map(&file));
     for level in 0..=log2 {
         // Each square of the level once, by a texel that moves through it.
@@ -130,6 +140,7 @@ fn compare(kind: Kind, log2: u8, pages: &[PageInput], expected: impl Fn(u32, u32
             assert_eq!(lazy.texel(x, y, level).expect("a page").value, want, "texel {x} {y} level {level}");
             assert_eq!(resident.value(x, y, level), want, "texel {x} {y} level {level}, preloaded");
             assert_eq!(on_disk.texel(x, y, level).expect("a page").value, want, "texel {x} {y} level {level}, file");
+            assert_eq!(cold.texel(x, y, level).expect("a page").value, want, "texel {x} {y} level {level}, cold");
         }
     }
     assert_eq!(lazy.texel(0, 0, 255).expect("the root").value, expected(0, 0, log2));
