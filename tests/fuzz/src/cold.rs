@@ -76,7 +76,7 @@ pub fn run(data: &[u8]) {
             let mut pages = Vec::new();
             while !input.is_empty() && pages.len() < 4 {
                 let mut page = Vec::new();
-                for _ in 0..2 + input.byte() {
+                for _ in 0..2 + u16::from(input.byte()) {
                     page.push(input.word());
                 }
                 pages.push(page);
