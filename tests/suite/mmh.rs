@@ -11,6 +11,17 @@ use crate::golden::open;
 use crate::tree::Folder;
 
 fn baked(folder: &Folder, name: &str, kind: Kind, search: u32, resolution: u64) -> (Baked, Vec<u8>) {
+    baked_by(folder, name, (kind, false), search, resolution)
+}
+
+/// The same, with values top-down or not.
+fn baked_by(
+    folder: &Folder,
+    name: &str,
+    (kind, top_down): (Kind, bool),
+    search: u32,
+    resolution: u64,
+) -> (Baked, Vec<u8>) {
     let mesh = umbrage::writer::scene::generated("city:3:0.05").unwrap().unwrap();
     let options = BakeOptions {
         lights: vec![Light { name: "sun".into(), direction: [0.4, -0.8, 0.3] }],
@@ -18,7 +29,7 @@ fn baked(folder: &Folder, name: &str, kind: Kind, search: u32, resolution: u64) 
         policy: Policy::Closed,
         kind,
         exhaustive: false,
-        top_down: false,
+        top_down,
         mmh: mmh::Options { search },
         memory_bytes: None,
         cold: false,
@@ -32,7 +43,8 @@ fn baked(folder: &Folder, name: &str, kind: Kind, search: u32, resolution: u64) 
 #[test]
 fn no_merge_brings_a_value_out_of_its_interval() {
     let folder = Folder::new("mmh-city");
-    let (report, bytes) = baked(&folder, "city.umb", Kind::Mmh, 1000, 1024);
+    // Top-down, as the command line does.
+    let (report, bytes) = baked_by(&folder, "city.umb", (Kind::Mmh, true), 1000, 1024);
     let merged = report.lights[0].merged.clone().unwrap();
     let merges: u64 = merged.pairs.iter().map(|p| p.merged).sum();
     assert!(merges > 1000 && merged.shared_pages > 0, "{merged:?}");

@@ -179,6 +179,7 @@ fn what_vector_does_not_do_is_refused() {
     let light = ["--light", "sun=dir:0.4,-0.8,0.3", "--kind", "vector", "-o", "no.umb"];
     for (scene, more, words) in [
         (CITY, &["--builder", "exhaustive"][..], "--builder exhaustive is for --kind mh"),
+        (CITY, &["--values", "bottom-up"][..], "--values is for geometry and --kind mh or mmh"),
         ("layers.exr", &[], "--kind vector needs geometry"),
     ] {
         let out = place.run(&[&["bake", scene], &light[..], more].concat());
@@ -213,4 +214,17 @@ fn raws_are_right_where_few_entries_answer() {
         fs::read(place.file(&picture)).unwrap()
     });
     assert!(device == cpu);
+}
+
+#[test]
+fn kind_mmh_takes_top_down_values_unless_asked_otherwise() {
+    let place = Place::new("mmh-values");
+    let args = ["bake", CITY, "--light", SUN, "--kind", "mmh", "--resolution", "256"];
+    for (file, more) in
+        [("own", &[][..]), ("top-down", &["--values", "top-down"]), ("bottom-up", &["--values", "bottom-up"])]
+    {
+        place.fine(&[&args[..], more, &["-o", file]].concat());
+    }
+    let [own, down, up] = ["own", "top-down", "bottom-up"].map(|f| fs::read(place.file(f)).unwrap());
+    assert!(own == down && own != up);
 }

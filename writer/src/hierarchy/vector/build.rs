@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use umbrage_format::kind::mh::{Mask, NodeType};
 
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale, raw_words};
-use super::page::{Forest, Group, Node, SHARES};
+use super::page::{Forest, Group, INDEX_COST, Node, SHARES};
 use super::search::{BLOCK_LEVEL, Edges, SMALL_LOG2, Search};
 use super::texels::{self, Block};
 use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree};
@@ -26,8 +26,6 @@ const TILE_LEVEL: u8 = 8;
 const TILE_LIST: usize = 96;
 /// From this level on a node's entry is the one that answers the most of its area.
 const AREA_LEVEL: u8 = 6;
-/// What a raw costs besides its words: an index, 1/16 word.
-const RAW_COST: u32 = super::page::INDEX_COST;
 /// Entries from further up that are tried first.
 const MOST_ABOVE: usize = 4;
 
@@ -346,7 +344,7 @@ impl Tile<'_> {
                 // nodes near the root stay in its page, which has room for the raws of 64 x 64 texels
                 let log2_resolution = self.cx.scale.log2_resolution;
                 let has_room = log2_resolution <= 6 || log2_resolution - at.level > COARSE_DEPTH;
-                if !has_room || RAW_COST + 16 * raw_words(&depths) >= self.forest.takes(&node, groups, mark) {
+                if !has_room || INDEX_COST + 16 * raw_words(&depths) >= self.forest.takes(&node, groups, mark) {
                     return node;
                 }
                 self.forest.groups.truncate(groups);
