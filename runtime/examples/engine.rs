@@ -12,7 +12,7 @@ const SHADER: &str = "
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) id: vec3<u32>) {
     let p = umb_locate(sun, vec3<f32>(f32(id.x) - 128.0, 0.25, f32(id.y) - 128.0));
-    let state = umb_state(umb_answer(0u, p.x, p.y, 0u), p.depth);
+    let state = umb_shadow(0u, p.x, p.y, 0u, p.depth);
     lit[id.y * 256u + id.x] = select(UMB_LIT | UMB_OUTSIDE | UMB_EXACT, state, p.inside);
 }";
 

@@ -12,7 +12,7 @@ use umbrage::writer::scene::{self, DEMO_LIGHT};
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
-use super::shadows::{Backend, Look, Shadows, default_budget};
+use super::shadows::{Backend, How, Look, Shadows, default_budget};
 use super::{
     Failure, INPUT, TARGET, Watched, go_on, listen, load_scene, open, parse_resolution, picture, structure, whole,
 };
@@ -95,7 +95,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
         geometry.surface(),
         &container,
         structure(&container, Some("sun"))?,
-        (args.backend, budget),
+        How { backend: args.backend, budget, skips: Some(0) },
         Look::Texel,
     )?;
     let by_map = &shadows.lit();

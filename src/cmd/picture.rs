@@ -51,8 +51,10 @@ pub fn lit_by_map(view: &View, map: &Map, continuous: bool) -> Result<Vec<bool>,
         .map(|r| match r {
             Some(r) if go_on() => {
                 let [x, y] = r.texel(&lattice);
-                let answer = if continuous { map.continuous(x, y, r.sub(&lattice))? } else { map.texel(x, y, 0)? };
-                Ok(r.lit(answer.value))
+                if continuous {
+                    return Ok(r.lit(map.continuous(x, y, r.sub(&lattice))?.value));
+                }
+                map.is_lit(x, y, 0, r.depth.query())
             }
             _ => Ok(true),
         })

@@ -7,7 +7,7 @@ use serde_json::json;
 use umbrage::render::{Camera, Scene, Shading, UpAxis, shade, write_png};
 
 use super::output::{self, line};
-use super::shadows::{Backend, Look, Shadows, default_budget, parse_filter};
+use super::shadows::{Backend, How, Look, Shadows, default_budget, parse_filter};
 use super::{Failure, USAGE, go_on, listen, load_scene, open, parse_numbers, picture, structure, whole};
 
 /// Arguments of `render`.
@@ -45,6 +45,12 @@ pub struct Args {
     /// pixel; hpcf:N), trilinear (the same, blended between two levels; trilinear:N)
     #[arg(long, value_name = "FILTER", default_value = "hard", conflicts_with = "continuous", value_parser = parse_filter)]
     filter: Look,
+    /// Lattice steps of depth that shadows may be off by: pages are not read whose index record promises no more
+    #[arg(long, value_name = "STEPS", default_value_t = 0, allow_negative_numbers = true, value_parser = whole::<u32>(0, 0xFFFF_FFFE))]
+    error: u32,
+    /// Read every page on the way, also where the index says that it changes nothing; for comparisons
+    #[arg(long, conflicts_with = "error")]
+    no_skip: bool,
     /// Most memory for the streamer, MiB; half of the file without it
     #[arg(long, value_name = "MIB", allow_negative_numbers = true, value_parser = whole::<u64>(1, 1 << 20))]
     budget: Option<u64>,
@@ -80,7 +86,8 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let pages = structure.page_count();
     let budget = args.budget.map_or_else(|| default_budget(&container), |m| m << 20);
     let look = if args.continuous { Look::Place } else { args.filter };
-    let shadows = Shadows::answer(&view, geometry.surface(), &container, structure, (args.backend, budget), look)?;
+    let how = How { backend: args.backend, budget, skips: (!args.no_skip).then_some(args.error) };
+    let shadows = Shadows::answer(&view, geometry.surface(), &container, structure, how, look)?;
     let shading = Shading { components: Some(&snapped.solid), haze: None };
     write_png(&args.output, &shade(&view, &shadows.coverage, shading))?;
     let read = container.counters();

@@ -72,6 +72,17 @@ pub fn parse_filter(s: &str) -> Result<Look, String> {
     }
 }
 
+/// With what.
+#[derive(Clone, Copy, Debug)]
+pub struct How {
+    /// Who answers.
+    pub backend: Backend,
+    /// Most bytes that the streamer may hold.
+    pub budget: u64,
+    /// Pages that the index settles within this error, in lattice steps, are not read; none: all on the way are.
+    pub skips: Option<u32>,
+}
+
 /// Answers and what they took.
 pub struct Shadows {
     /// Share of sunlight of every pixel, 0 to 255; pixels without a receiver are lit.
@@ -108,17 +119,17 @@ pub fn default_budget(container: &Container) -> u64 {
 }
 
 impl Shadows {
-    /// Answers a view of these triangles; `budget` is the most bytes that the streamer may hold. The CPU answers what
-    /// is asked at places in texels.
+    /// Answers a view of these triangles. The CPU answers what is asked at places in texels.
     pub fn answer(
         view: &View,
         surface: Surface<'_>,
         container: &Container,
         structure: Structure,
-        (backend, budget): (Backend, u64),
+        how: How,
         look: Look,
     ) -> Result<Shadows, Failure> {
-        let cpu = |by: &str| Shadows::on_cpu(view, surface, container, structure.clone(), by, look);
+        let How { backend, .. } = how;
+        let cpu = |by: &str| Shadows::on_cpu(view, surface, container, structure.clone(), by, (how, look));
         if look == Look::Place {
             if backend == Backend::Gpu {
                 let message = "--continuous is answered by the CPU; leave --backend gpu out";
@@ -127,7 +138,7 @@ impl Shadows {
             return cpu("the CPU, between texel centres");
         }
         if backend != Backend::Cpu {
-            match gpu::answer(view, surface, &structure, budget, look) {
+            match gpu::answer(view, surface, &structure, how, look) {
                 Err(gpu::Failed::NoDevice(why)) if backend == Backend::Auto => {
                     return cpu(&format!("the CPU ({why})"));
                 }
@@ -145,10 +156,11 @@ impl Shadows {
         container: &Container,
         structure: Structure,
         by: &str,
-        look: Look,
+        (how, look): (How, Look),
     ) -> Result<Shadows, Failure> {
         let before = container.counters().pages;
-        let map = Map::new(structure)?;
+        let mut map = Map::new(structure)?;
+        map.skip(how.skips);
         let coverage = match look {
             Look::Texel => coverage(&picture::lit_by_map(view, &map, false)?),
             Look::Place => coverage(&picture::lit_by_map(view, &map, true)?),
@@ -200,7 +212,7 @@ mod gpu {
     use umbrage::runtime::query::filter::FilterQuery;
 
     use super::super::{Failure, REFUSED, TARGET};
-    use super::{Look, Shadows, Streamed};
+    use super::{How, Look, Shadows, Streamed};
 
     /// Why the device did not answer.
     pub enum Failed {
@@ -225,12 +237,13 @@ mod gpu {
         view: &View,
         surface: Surface<'_>,
         structure: &Structure,
-        budget: u64,
+        how: How,
         look: Look,
     ) -> Result<Shadows, Failed> {
         let device = Headless::new().map_err(|e| Failed::NoDevice(e.to_string()))?;
         let lattice = structure.lattice();
-        let mut streamer = GpuStreamer::new(&device.device, &device.queue, structure, budget)?;
+        let mut streamer = GpuStreamer::new(&device.device, &device.queue, structure, how.budget)?;
+        streamer.skip(how.skips);
         let options = ViewOptions::default();
         let (coverage, s) = if let Look::Filtered(filter) = look {
             let of = Footprints::new(view, surface);
@@ -247,7 +260,7 @@ mod gpu {
         } else {
             let receiver = |r: &umbrage::render::Receiver| {
                 let [x, y] = r.texel(&lattice);
-                Receiver { x, y, depth: r.depth.query() }
+                Receiver { x, y, depth: r.depth.query(), level: 0 }
             };
             let receivers: Vec<Receiver> = view.receivers.iter().flatten().map(receiver).collect();
             let answer = streamer.answer_view(&receivers, &options)?;
@@ -275,7 +288,7 @@ mod gpu {
     use umbrage::render::{Surface, View};
 
     use super::super::Failure;
-    use super::{Look, Shadows};
+    use super::{How, Look, Shadows};
 
     /// Why the device did not answer.
     pub enum Failed {
@@ -287,7 +300,7 @@ mod gpu {
     }
 
     /// Says that this program has no GPU in it.
-    pub fn answer(_: &View, _: Surface<'_>, _: &Structure, _: u64, _: Look) -> Result<Shadows, Failed> {
+    pub fn answer(_: &View, _: Surface<'_>, _: &Structure, _: How, _: Look) -> Result<Shadows, Failed> {
         Err(Failed::NoDevice("built without the feature gpu; build with it or use --backend cpu".to_string()))
     }
 }

@@ -92,6 +92,16 @@ impl Camera {
         self.axis
     }
 
+    /// Unit vectors of the world: to the right, up, and into the picture.
+    pub const fn axes(&self) -> [[f64; 3]; 3] {
+        [self.right, self.up, self.forward]
+    }
+
+    /// Tangents of half the field of view of a picture, across and up.
+    pub fn half(&self, width: u32, height: u32) -> [f64; 2] {
+        [self.half_height * f64::from(width) / f64::from(height), self.half_height]
+    }
+
     /// Unit direction in the world of the ray through (`x`, `y`) of a picture of `width` x `height` pixels.
     /// (0, 0) is the upper left corner; the centre of the first pixel is (0.5, 0.5). Pixels are square.
     pub fn ray(&self, x: f64, y: f64, width: u32, height: u32) -> [f64; 3] {

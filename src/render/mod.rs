@@ -15,6 +15,7 @@
 //! | `depth` | exact fractions, depth of a triangle over a lattice point |
 //! | `shadow` | the reference |
 //! | `filter` | what filters ask: planes, footprints |
+//! | `flight` | cameras over time |
 //! | `shade` | colours, differences |
 //! | `image` | pixels in memory, PNG |
 
@@ -22,6 +23,7 @@ mod bvh;
 mod camera;
 mod depth;
 mod filter;
+mod flight;
 mod image;
 mod receiver;
 mod scene;
@@ -33,6 +35,7 @@ mod testing;
 pub use camera::{Camera, CameraError, UpAxis};
 pub use depth::Depth;
 pub use filter::Footprints;
+pub use flight::{Flight, FlightError};
 pub use image::{ImageError, RgbImage, write_png};
 pub use receiver::{Placement, Receiver};
 pub use scene::{Hit, Scene, Surface, View};

@@ -19,6 +19,8 @@
     clippy::cast_possible_truncation
 )]
 
+use super::Bounds;
+
 /// Most texels on a side of a kernel. Drivers may end a shader's loops early (Mesa's software driver after 65,535 turns of
 /// all of them); two levels of so many taps stay below on any tree.
 pub const MAX_SIDE: u32 = 21;
@@ -229,6 +231,31 @@ impl Taps {
             }
         }
         lit
+    }
+}
+
+impl Taps {
+    /// Taps of a part whose page is missing, by what its index record says, each held against the value that stands above
+    /// the page: the lit ones, and whether all of them are [settled](Bounds::settle) for `error`.
+    pub fn settle(&self, part: &Rect, bounds: &Bounds, error: u32, value: impl Fn(u32, u32) -> u32) -> (u32, bool) {
+        let (near, far) = (limit(bounds.min_depth), limit(bounds.max_depth));
+        let [least, most] = self.depths(part);
+        if most <= near {
+            return (part.count(), true);
+        }
+        if least > far {
+            return (0, true);
+        }
+        let suffices = bounds.suffices(error);
+        let (mut lit, mut all) = (0, true);
+        for y in part.y[0]..=part.y[1] {
+            for x in part.x[0]..=part.x[1] {
+                let depth = self.at(x, y);
+                lit += u32::from(depth <= near || depth <= far && depth <= limit(value(x, y)));
+                all &= suffices || depth <= near || depth > far;
+            }
+        }
+        (lit, all)
     }
 }
 

@@ -14,7 +14,7 @@ use umbrage_format::projection::Lattice;
 use umbrage_format::{FormatError, Kind, Place, Rule, Value};
 
 use super::filter::{Receiver, Rect, Share, Taps, descend, levels_around};
-use super::{Resident, Visibility, locate, mh, mmh, vector};
+use super::{Bounds, Resident, Visibility, locate, mh, mmh, vector};
 use crate::{CheckedPage, ReaderError, Structure};
 
 /// A page as the walk sees it.
@@ -64,6 +64,8 @@ pub struct Answer {
 pub struct Map {
     structure: Structure,
     pages: Box<[OnceLock<CheckedPage>]>,
+    /// Pages that the index settles within this error are not read; none: all are.
+    skips: Option<u32>,
 }
 
 impl Map {
@@ -83,7 +85,15 @@ impl Map {
         let place = Place::Structure(structure.number());
         structure.limits().allocate(place, bytes).map_err(|e| structure.fault(e))?;
         let pages = (0..structure.page_count()).map(|_| OnceLock::new()).collect();
-        Ok(Self { structure, pages })
+        Ok(Self { structure, pages, skips: Some(0) })
+    }
+
+    /// How far [`is_lit`](Self::is_lit), [`pcf`](Self::pcf) and [`trilinear`](Self::trilinear) go without pages. At first they
+    /// skip with an error of 0: a page is not read where its index record says that all its answers lie on one side of the
+    /// receiver; the result is the same to the bit. With an error of e lattice steps they also stop above pages whose record
+    /// promises that what stands above is off by at most e. None: every page on the way is read.
+    pub fn skip(&mut self, error: Option<u32>) {
+        self.skips = error;
     }
 
     /// The structure.
@@ -172,6 +182,31 @@ impl Map {
         })
     }
 
+    /// Whether a receiver in texel (x, y) of root 0 and `level`, at lattice depth `depth` rounded up, is lit. Loads what is
+    /// missing on the way and can't be [skipped](Self::skip).
+    ///
+    /// # Errors
+    /// As [`texel`](Self::texel).
+    pub fn is_lit(&self, x: u32, y: u32, level: u8, depth: u32) -> Result<bool, ReaderError> {
+        let settled = |d: &Descent| self.bounds(d.missing?)?.0.settle(depth, d.value, self.skips?);
+        let answer = self.answer(0, x, y, |map| {
+            let d = map.walk(0, x, y, level);
+            match settled(&d) {
+                // An answer whose value is on the right side.
+                Some(lit) => Descent { value: if lit { u32::MAX } else { 0 }, missing: None, ..d },
+                None => d,
+            }
+        })?;
+        Ok(answer.value == u32::MAX || depth <= answer.value)
+    }
+
+    /// What the index says of a page that is missing; none where pages are not skipped or the index can't be read: then
+    /// the page is loaded, and the error comes from there.
+    fn bounds(&self, ordinal: u32) -> Option<(Bounds, u32)> {
+        let error = self.skips?;
+        Some((Bounds::of(&self.structure.page_record(ordinal).ok()?), error))
+    }
+
     /// Percentage-closer filtering: the lit ones of `side` x `side` texels of `level` around a receiver, on root 0; see
     /// [`filter`](super::filter). Sides from 1 to [`MAX_SIDE`](super::filter::MAX_SIDE), levels up to the root's; beyond the
     /// nearest. Loads what is missing on the way. Outside the map: all lit, and flagged.
@@ -209,28 +244,41 @@ impl Map {
         let (log2, level) = (self.structure.record().log2_resolution, taps.level);
         let look = |o| self.view(o);
         let (mut lit, mut missing) = (0, None);
+        // A part whose page is missing, by the index if that is enough.
+        let settle = |page: Option<u32>, part: &Rect, value: &dyn Fn(u32, u32) -> u32| {
+            let (bounds, error) = self.bounds(page?)?;
+            let (lit, all) = taps.settle(part, &bounds, error, value);
+            all.then_some(lit)
+        };
         match self.structure.kind() {
             Kind::Vector => {
                 let mut walk = |w: vector::Walk<'a>, x, y, level| w.go(look, x, y, level);
-                let mut answer = |w: &vector::Walk<'_>, part: &Rect| {
-                    missing = missing.or(w.found.missing);
-                    lit += w.lit(taps, part);
+                let mut answer = |w: &vector::Walk<'_>, part: &Rect| match settle(w.found.missing, part, &|x, y| {
+                    w.value(x, y, level)
+                }) {
+                    Some(settled) => lit += settled,
+                    None => {
+                        missing = missing.or(w.found.missing);
+                        lit += w.lit(taps, part);
+                    }
                 };
                 descend(vector::Walk::new(look, 0, log2), taps.inside, level, &mut walk, &mut answer);
             }
             Kind::Mmh => {
                 let mut walk = |w: mmh::Walk<'a>, x, y, level| w.go(look, x, y, level);
                 let mut answer = |w: &mmh::Walk<'_>, part: &Rect| {
-                    missing = missing.or(w.found.missing);
-                    lit += taps.lit(part, w.found.value);
+                    let settled = settle(w.found.missing, part, &|_, _| w.found.value);
+                    missing = missing.or(w.found.missing.filter(|_| settled.is_none()));
+                    lit += settled.unwrap_or_else(|| taps.lit(part, w.found.value));
                 };
                 descend(mmh::Walk::new(look, 0, log2), taps.inside, level, &mut walk, &mut answer);
             }
             _ => {
                 let mut walk = |w: mh::Walk<'a>, x, y, level| w.go(look, x, y, level);
                 let mut answer = |w: &mh::Walk<'_>, part: &Rect| {
-                    missing = missing.or(w.found.missing);
-                    lit += taps.lit(part, w.found.value);
+                    let settled = settle(w.found.missing, part, &|_, _| w.found.value);
+                    missing = missing.or(w.found.missing.filter(|_| settled.is_none()));
+                    lit += settled.unwrap_or_else(|| taps.lit(part, w.found.value));
                 };
                 descend(mh::Walk::new(look, 0, log2), taps.inside, level, &mut walk, &mut answer);
             }

@@ -3,6 +3,7 @@
 //! - [`Map`]: pages of one structure, loaded when a lookup needs them;
 //! - [`Resident`]: all pages in one array, for lookups that can't fail;
 //! - [`mh`], [`mmh`], [`vector`]: the walk of each kind, a pure function over pages that are there or not;
+//! - [`Bounds`]: what the index says of a page that is not there;
 //! - [`filter`]: percentage-closer filtering over all of them;
 //! - here: from a point of the world to a texel and a depth, from a stored value to light or shadow.
 //!
@@ -17,6 +18,7 @@
     clippy::cast_possible_truncation
 )]
 
+mod bounds;
 pub mod filter;
 pub(crate) mod follow;
 mod map;
@@ -27,6 +29,7 @@ pub mod vector;
 
 use umbrage_format::projection::Lattice;
 
+pub use bounds::Bounds;
 pub use map::{Answer, Descent, Map, PageView};
 pub use resident::Resident;
 

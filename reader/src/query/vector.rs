@@ -176,6 +176,16 @@ impl<'a> Walk<'a> {
     }
 }
 
+impl Walk<'_> {
+    /// What the node found answers at texel (x, y) of `level`.
+    pub(super) fn value(&self, x: u32, y: u32, level: u8) -> u32 {
+        let Some(Found { page, index }) = self.entry else { return UNCOVERED };
+        let (layout, mask) = (Layout::of(page.words), side_mask(page.words));
+        let place = |v: u32| centre((v << (level & 31)) & mask, level);
+        value(page.words, &layout, layout.entry(page.words, index), place(x), place(y))
+    }
+}
+
 /// The bits of a texel's coordinates that count in a page's footprint: its side is twice that of the root group's nodes.
 /// In a root page, whose footprint is the map, this is one bit more than there are.
 #[inline]

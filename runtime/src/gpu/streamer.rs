@@ -9,10 +9,9 @@ use super::kernel::{Entry, Kernels};
 use super::transfer::{Readback, Staging};
 use crate::error::RuntimeError;
 use crate::query::filter::FilterQuery;
-use crate::query::pool::NOT_RESIDENT;
 use crate::residency::budget::{BLOCK_BYTES, READBACK_BUFFERS, STAGING_BUFFERS};
-use crate::residency::{Frame, Op};
-use crate::shader::{self, FEEDBACK_CAPACITY, FEEDBACK_HEAD, FEEDBACK_LIST, View};
+use crate::residency::{ABSENT, Entry as TableEntry, Frame, Op};
+use crate::shader::{self, FEEDBACK_HEAD, FEEDBACK_USED, View};
 use crate::stream::Streamer;
 
 /// Threads that load pages.
@@ -25,7 +24,7 @@ const ROOTS_IDLE: u32 = 40;
 pub struct Report {
     /// Frames reported so far.
     pub number: u64,
-    /// Distinct pages that walks missed; more than the list holds are counted and not named.
+    /// Distinct pages that receivers missed.
     pub missed: u32,
     /// Queries of the runtime's own kernels that an ancestor answered.
     pub approximate: u32,
@@ -117,17 +116,19 @@ impl GpuStreamer {
         let storage = wgpu::BufferUsages::STORAGE;
         let pool = filled(device, "umbrage pool", budget.pool(), storage, &[])?;
         let pages = structure.page_count();
-        let absent = vec![[NOT_RESIDENT, 0]; pages.max(1) as usize];
+        let absent = vec![ABSENT; pages.max(1) as usize];
         let table = filled(device, "umbrage table", budget.table, storage, bytemuck::cast_slice(&absent))?;
         let feedback = filled(device, "umbrage feedback", budget.feedback, storage, &[])?;
         let scratch = filled(device, "umbrage scratch", BLOCK_BYTES, wgpu::BufferUsages::empty(), &[])?;
-        let used_words = budget.readback / 4 - u64::from(FEEDBACK_LIST);
+        let used_words = budget.feedback / 4 - u64::from(FEEDBACK_USED);
         let view = View {
             pool_words: (budget.pool() / 4) as u32,
             pages,
             log2_resolution: structure.record().log2_resolution.into(),
             used_words: used_words as u32,
             kind: structure.kind().code(),
+            skips: 1,
+            error: 0,
         };
         let view = filled(
             device,
@@ -165,7 +166,7 @@ impl GpuStreamer {
             view,
             scratch,
             staging: Staging::new(device, STAGING_BUFFERS, budget.staging),
-            readback: Readback::new(device, READBACK_BUFFERS, budget.readback),
+            readback: Readback::new(device, READBACK_BUFFERS, budget.feedback),
             layout,
             group,
             kernels: None,
@@ -223,6 +224,15 @@ impl GpuStreamer {
         &mut self.streamer
     }
 
+    /// From the next frame on, receivers for which the index is enough ask for no pages: at first with an error of 0, where
+    /// light and shadow are the same to the bit; with an error in lattice steps also where what stands above a page is off
+    /// by at most that. None: every receiver asks for the pages on its way.
+    pub fn skip(&mut self, error: Option<u32>) {
+        let words = [u32::from(error.is_some()), error.unwrap_or(0)];
+        let at = std::mem::offset_of!(View, skips) as u64;
+        self.queue.write_buffer(&self.view, at, bytemuck::bytes_of(&words));
+    }
+
     /// What the device said last.
     pub fn report(&self) -> Report {
         self.report
@@ -234,13 +244,11 @@ impl GpuStreamer {
         let _ = self.device.poll(wgpu::PollType::Poll);
         let (streamer, report) = (&mut self.streamer, &mut self.report);
         while self.readback.take(|words| {
-            let missed = words.first().copied().unwrap_or(0);
-            let listed = missed.min(FEEDBACK_CAPACITY) as usize;
-            let head = FEEDBACK_HEAD as usize;
-            let list = words.get(head..head + listed).unwrap_or_default();
-            let used = words.get(FEEDBACK_LIST as usize..).unwrap_or_default();
-            streamer.feedback(list, used, missed > FEEDBACK_CAPACITY);
-            let approximate = words.get(1).copied().unwrap_or(0);
+            let [missed, approximate, unlisted] = [0, 1, 2].map(|i: usize| words.get(i).copied().unwrap_or(0));
+            let slots = words.get(FEEDBACK_HEAD as usize..FEEDBACK_USED as usize).unwrap_or_default();
+            let listed = slots.chunks_exact(2).filter(|s| s[0] != 0).map(|s| (s[0] - 1, s[1]));
+            let used = words.get(FEEDBACK_USED as usize..).unwrap_or_default();
+            streamer.feedback(listed, used, unlisted != 0);
             *report = Report { number: report.number + 1, missed, approximate };
         }) {}
         self.streamer.begin();
@@ -263,7 +271,7 @@ impl GpuStreamer {
                 parts.push(bytemuck::cast_slice(words));
             }
         }
-        let entries: Vec<[u32; 2]> = table.iter().map(|t| t.1).collect();
+        let entries: Vec<TableEntry> = table.iter().map(|t| t.1).collect();
         parts.push(bytemuck::cast_slice(&entries));
         let recorded = self.staging.pass(encoder, &parts, |encoder, staging, offsets| {
             let mut offsets = offsets.iter().copied();
@@ -282,8 +290,9 @@ impl GpuStreamer {
             }
             let mut from = offsets.next().unwrap_or(0);
             for run in table.chunk_by(|a, b| a.0 + 1 == b.0) {
-                let bytes = run.len() as u64 * 8;
-                encoder.copy_buffer_to_buffer(staging, from, &self.table, u64::from(run[0].0) * 8, bytes);
+                let each = size_of::<TableEntry>() as u64;
+                let (to, bytes) = (u64::from(run[0].0) * each, run.len() as u64 * each);
+                encoder.copy_buffer_to_buffer(staging, from, &self.table, to, bytes);
                 from += bytes;
             }
         });
@@ -368,7 +377,7 @@ impl GpuStreamer {
     ///
     /// # Errors
     /// The device was lost.
-    pub fn read_back(&self) -> Result<(Vec<u32>, Vec<[u32; 2]>), RuntimeError> {
+    pub fn read_back(&self) -> Result<(Vec<u32>, Vec<TableEntry>), RuntimeError> {
         let pool = self.read(&self.pool, 0, self.pool.size())?;
         let table = self.read(&self.table, 0, self.table.size())?;
         Ok((pool, bytemuck::cast_slice(&table).to_vec()))

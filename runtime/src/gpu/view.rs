@@ -7,7 +7,7 @@ use super::kernel::{Entry, Kernels, Queries};
 use super::streamer::GpuStreamer;
 use crate::error::RuntimeError;
 use crate::query::filter::FilterQuery;
-use crate::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, OUTSIDE};
+use crate::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, OUTSIDE, SETTLED, WORD_SHIFT};
 use crate::residency::Stats;
 
 /// Receivers on the device at once.
@@ -24,6 +24,8 @@ pub struct Receiver {
     pub y: u32,
     /// Lattice depth, rounded up.
     pub depth: u32,
+    /// Level that is asked for: 0, or as coarse as the receiver's footprint allows.
+    pub level: u8,
 }
 
 /// The answer for one receiver.
@@ -35,7 +37,9 @@ pub struct Pixel {
     pub ancestor: bool,
     /// Whether it lies outside the map.
     pub outside: bool,
-    /// Level of the node that answered.
+    /// Whether what the index says of a page was enough.
+    pub settled: bool,
+    /// Level of the node that answered, or that stands above the page that was not needed.
     pub level: u8,
 }
 
@@ -96,19 +100,20 @@ impl Pixel {
         let bit = |b| state & b != 0;
         // A pixel that no frame reached has no bits at all.
         let (ancestor, outside) = (bit(ANCESTOR) || !bit(EXACT), bit(OUTSIDE));
-        Self { lit: bit(LIT), ancestor, outside, level: (state >> LEVEL_SHIFT & 31) as u8 }
+        let settled = bit(SETTLED);
+        Self { lit: bit(LIT), ancestor, outside, settled, level: (state >> LEVEL_SHIFT & 31) as u8 }
     }
 }
 
 impl GpuStreamer {
-    /// Answers receivers at the finest level, frame after frame: dispatch, read what was missed, upload, until all are
+    /// Answers receivers, frame after frame: dispatch, read what was missed, upload, until all are
     /// exact or the options say stop. For tools and tests: it waits for device and loader.
     ///
     /// # Errors
     /// A kind without kernels, or the device was lost. Pages that can't be read are no error: their pixels keep an
     /// ancestor's answer, and [`crate::stream::Streamer::take_failures`] names them.
     pub fn answer_view(&mut self, receivers: &[Receiver], options: &ViewOptions) -> Result<ViewAnswer, RuntimeError> {
-        let words: Vec<_> = receivers.iter().map(|r| [r.x, r.y, r.depth, 0]).collect();
+        let words: Vec<_> = receivers.iter().map(|r| [r.x, r.y, r.depth, u32::from(r.level) << WORD_SHIFT]).collect();
         let (states, stats) = self.states(&words, Entry::Pixels, options)?;
         Ok(ViewAnswer { pixels: states.into_iter().map(Pixel::from_state).collect(), stats })
     }

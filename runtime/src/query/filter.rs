@@ -38,7 +38,7 @@ impl FilterQuery {
 
 impl<'a> Pool<'a> {
     /// Lit taps of side `side` on `level` around a receiver, on root `root`, and a page that was missing, or
-    /// [`NONE`]: then ancestors answered for a part of the taps.
+    /// [`NONE`]: then ancestors answered for a part of the taps that the index could not settle.
     pub fn pcf(&self, root: u32, r: &Receiver, side: u32, level: u32) -> (Share, u32) {
         let level = u8::try_from(level).unwrap_or(u8::MAX);
         let Some(taps) = Taps::new(r, side, level, self.top()) else { return (Taps::outside(side), NONE) };
@@ -49,8 +49,18 @@ impl<'a> Pool<'a> {
         };
         let (mut lit, mut missing) = (0, NONE);
         let mut answer = |w: &Walk<'a>, part: &Rect| {
-            missing = missing.min(w.found.missing);
             let level = u32::from(taps.level);
+            if let Some((bounds, error)) = self.bounds(w.found.missing) {
+                let value = |x: u32, y: u32| match self.kind {
+                    Kind::Vector => self.vector_value(w, x << level, y << level, level),
+                    _ => w.found.value,
+                };
+                let (some, settled) = taps.settle(part, &bounds, error, value);
+                lit += some;
+                missing = missing.min(if settled { NONE } else { w.found.missing });
+                return;
+            }
+            missing = missing.min(w.found.missing);
             lit += match self.kind {
                 Kind::Vector => taps.lit_each(part, |x, y| self.vector_value(w, x << level, y << level, level)),
                 _ => taps.lit(part, w.found.value),

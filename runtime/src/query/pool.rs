@@ -6,8 +6,11 @@ use umbrage_format::kind::mh::Mask;
 use umbrage_format::page::FrameHead;
 use umbrage_format::projection::UNCOVERED;
 use umbrage_format::structure::MAX_LOG2_RESOLUTION;
+use umbrage_reader::query::Bounds;
 
 use super::vector::Found;
+use crate::residency::Entry;
+use crate::shader::MOST_GAP;
 
 /// First word of a table entry whose page is not in the pool.
 pub const NOT_RESIDENT: u32 = u32::MAX;
@@ -25,6 +28,8 @@ pub const OUTSIDE: u32 = 4;
 pub const EXACT: u32 = 8;
 /// Level of the answering node, 5 bits from here.
 pub const LEVEL_SHIFT: u32 = 8;
+/// Bit of a state: a page was missing, but what the index says of it was enough.
+pub const SETTLED: u32 = 16;
 /// The answering node in its page, 17 bits from here; see [`Answer::word`].
 pub const WORD_SHIFT: u32 = 15;
 
@@ -52,17 +57,38 @@ impl Answer {
     }
 }
 
+/// The answer for a receiver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shadow {
+    /// Light or shadow, with the bits above.
+    pub state: u32,
+    /// The page that was missing and is needed, or [`NONE`].
+    pub missing: u32,
+    /// Page of the node that answered; [`NONE`] outside the map.
+    pub page: u32,
+}
+
+impl Shadow {
+    /// What a receiver that asked for `level` loses on the screen by a page that is missing: twice as much for each level that
+    /// its answer is too coarse.
+    pub fn weight(&self, level: u32) -> u32 {
+        1 << (self.state >> LEVEL_SHIFT & 31).saturating_sub(level).min(MOST_GAP)
+    }
+}
+
 /// The device's buffers as words.
 #[derive(Clone, Copy, Debug)]
 pub struct Pool<'a> {
     /// All slots.
     pub words: &'a [u32],
-    /// For each page its first word, or [`NOT_RESIDENT`], and its first child.
-    pub table: &'a [[u32; 2]],
+    /// One for each page.
+    pub table: &'a [Entry],
     /// How the structure is encoded.
     pub kind: Kind,
     /// Levels below the root, at most 24.
     pub log2_resolution: u8,
+    /// Receivers that the index settles within this error don't need pages; none: all do.
+    pub skips: Option<u32>,
 }
 
 /// A page in the pool.
@@ -121,7 +147,7 @@ impl Page<'_> {
 impl<'a> Pool<'a> {
     /// A page by its ordinal; whatever table and frame say, its words lie in the pool.
     pub(super) fn page(&self, ordinal: u32) -> Option<Page<'a>> {
-        let &[at, first_child] = self.table.get(ordinal as usize)?;
+        let &[at, first_child, ..] = self.table.get(ordinal as usize)?;
         let room = self.words.get(at as usize..).filter(|r| !r.is_empty())?;
         let words = FrameHead::decode(room).map_or(0, |h| usize::from(h.words));
         let (words, behind) = room.split_at(words.min(room.len()));
@@ -156,6 +182,28 @@ impl<'a> Pool<'a> {
             Kind::Mmh => self.mmh(root, x, y, level),
             Kind::Vector => self.vector(root, x, y, level),
             _ => Answer { missing: root, ..self.nothing(root) },
+        }
+    }
+
+    /// What the index says of a page that is missing, and the error that is asked for.
+    pub(super) fn bounds(&self, ordinal: u32) -> Option<(Bounds, u32)> {
+        let (error, &[at, stop_error, min_depth, max_depth]) = (self.skips?, self.table.get(ordinal as usize)?);
+        (at == NOT_RESIDENT).then_some((Bounds { min_depth, max_depth, stop_error }, error))
+    }
+
+    /// Light or shadow for a receiver at lattice depth `depth`, rounded up, in texel (x, y) at `level`.
+    pub fn shadow(&self, root: u32, [x, y]: [u32; 2], level: u32, depth: u32) -> Shadow {
+        if self.outside(x, y) {
+            return Shadow { state: LIT | OUTSIDE | EXACT, missing: NONE, page: NONE };
+        }
+        let d = self.texel(root, x, y, level);
+        let (state, page) = (d.state(depth), d.page);
+        match self.bounds(d.missing).and_then(|(bounds, error)| bounds.settle(depth, d.value, error)) {
+            Some(lit) => {
+                let state = state & !(LIT | ANCESTOR) | u32::from(lit) * LIT | EXACT | SETTLED;
+                Shadow { state, missing: NONE, page }
+            }
+            None => Shadow { state, missing: d.missing, page },
         }
     }
 

@@ -1,7 +1,7 @@
 //! How a budget in bytes is divided before anything is allocated.
 
 use super::slots::{BLOCK_WORDS, UNIT_WORDS};
-use crate::shader::{FEEDBACK_LIST, TABLE_ENTRY_WORDS};
+use crate::shader::{FEEDBACK_USED, TABLE_ENTRY_WORDS};
 
 /// Bytes of a block: the largest page.
 pub const BLOCK_BYTES: u64 = BLOCK_WORDS as u64 * 4;
@@ -42,10 +42,8 @@ pub struct Budget {
     pub total: u64,
     /// Page table.
     pub table: u64,
-    /// Feedback buffer on the device: list, used bits, wanted bits.
+    /// Feedback buffer on the device, and each buffer that it is read back into: pages that were missed, used bits.
     pub feedback: u64,
-    /// The part of the feedback that is read back: list and used bits.
-    pub readback: u64,
     /// One staging buffer, table entries included.
     pub staging: u64,
     /// Pages in host memory between loader and staging.
@@ -65,17 +63,11 @@ impl Budget {
         let share_of = |total: u64| (total / SHARE).clamp(least_share, MOST_SHARE) & !63;
         let share = share_of(total);
         let table = u64::from(pages.max(1)) * ENTRY;
-        let wanted = u64::from(pages.div_ceil(32)) * 4;
         let used = |blocks: u64| blocks * u64::from(BLOCK_WORDS / UNIT_WORDS / 32) * 4;
-        let list = u64::from(FEEDBACK_LIST) * 4;
+        let list = u64::from(FEEDBACK_USED) * 4;
         // Everything but the blocks, and what a block costs beside itself.
         let rest = |share: u64| {
-            FIXED
-                + table
-                + wanted
-                + list * (1 + READBACK_BUFFERS)
-                + share * (STAGING_BUFFERS + HOST_SHARES)
-                + BLOCK_BYTES
+            FIXED + table + list * (1 + READBACK_BUFFERS) + share * (STAGING_BUFFERS + HOST_SHARES) + BLOCK_BYTES
         };
         let each = BLOCK_BYTES + used(1) * (1 + READBACK_BUFFERS);
         let blocks = total.saturating_sub(rest(share)) / each;
@@ -89,17 +81,9 @@ impl Budget {
             let needed = needed.max(total + 1);
             return Err(BudgetError { budget: total, needed, pages });
         }
-        let readback = list + used(blocks);
+        let feedback = list + used(blocks);
         let blocks = u32::try_from(blocks).unwrap_or(u32::MAX / BLOCK_WORDS);
-        Ok(Self {
-            total,
-            table,
-            feedback: readback + wanted,
-            readback,
-            staging: share,
-            host: share * HOST_SHARES,
-            blocks,
-        })
+        Ok(Self { total, table, feedback, staging: share, host: share * HOST_SHARES, blocks })
     }
 
     /// Bytes of the pool.
@@ -114,7 +98,7 @@ impl Budget {
 
     /// Sum of all parts, those in flight counted as often as they exist.
     pub fn used(&self) -> u64 {
-        let flight = self.staging * STAGING_BUFFERS + self.readback * READBACK_BUFFERS;
+        let flight = self.staging * STAGING_BUFFERS + self.feedback * READBACK_BUFFERS;
         FIXED + self.table + self.feedback + flight + self.host + BLOCK_BYTES + self.pool()
     }
 }

@@ -1,26 +1,33 @@
 //! Which pages live in the pool: a state machine without threads, files or GPU.
 //!
-//! In: what was asked for and used ([`Residency::feedback`], [`Residency::request`]), pages that came
-//! ([`Residency::loaded`]) or did not ([`Residency::failed`]). Out: ordinals to load ([`Residency::loads`]), and for
-//! each frame copies and table entries ([`Residency::frame`]), which any executor can carry out in order.
+//! In: what was asked for and used ([`Residency::feedback`], [`Residency::request`]), what will be
+//! ([`Residency::foresee`]), pages that came ([`Residency::loaded`]) or did not ([`Residency::failed`]). Out: ordinals to load
+//! ([`Residency::loads`]), ones that nobody waits for any more ([`Residency::abandoned`]), and for each frame copies and
+//! table entries ([`Residency::frame`]), which any executor can carry out in order.
 //!
 //! - A page is admitted only while its parent and its dependencies live, and outlives none of them.
 //! - Roots are pinned. Of the others the least recently used goes first; one that was used in the latest round goes
-//!   only for a page nearer to the root, which answers more.
-//! - Coarse pages come first. What finds no room is parked and counted ([`Stats::starved`]).
+//!   only for a page that is needed now and nearer to the root, which answers more.
+//! - What weighs most comes first: the weight of a page is the sum over the receivers that miss it of their error on the
+//!   screen. What finds no room is parked and counted ([`Stats::starved`]).
 //! - A page that fails is tried again after 2, 4, … 256 frames.
 //!
-//! Rooms: [`budget`] divides the bytes, [`slots`] finds places, `failure` counts tries.
+//! Rooms: [`budget`] divides the bytes, [`slots`] finds places, `failure` counts tries, [`foresee`] looks ahead of a moving
+//! camera.
 
 pub mod budget;
 mod failure;
+pub mod foresee;
 mod resident;
 pub mod slots;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeSet, HashMap};
+use std::cmp::Reverse;
+use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::sync::Arc;
+
+use umbrage_reader::query::Bounds;
 
 pub use budget::{Budget, BudgetError};
 
@@ -63,6 +70,8 @@ pub struct LoadedPage {
     pub first_child: u32,
     /// Its children.
     pub child_count: u16,
+    /// What the index says of each of them, in order; empty where the index can't be read.
+    pub children: Arc<[Bounds]>,
     /// Shared pages it needs.
     pub dependencies: Vec<u32>,
     /// Its words, frame included, in host order; in kind `mmh` the dependencies behind them.
@@ -90,13 +99,20 @@ pub enum Op {
     },
 }
 
+/// An entry of the page table: of a resident page its first word in the pool and its first child; of another
+/// [`NOT_RESIDENT`], its stop error, and the smallest and the largest depth that lookups in it can answer.
+pub type Entry = [u32; 4];
+
+/// The entry of a page of which nothing is known.
+pub const ABSENT: Entry = [NOT_RESIDENT, u32::MAX, 0, u32::MAX];
+
 /// What to do before the queries of a frame.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Frame {
     /// Copies, in order.
     pub ops: Vec<Op>,
     /// Page table: ordinal and its entry, ordinals rising.
-    pub table: Vec<(u32, [u32; 2])>,
+    pub table: Vec<(u32, Entry)>,
 }
 
 /// Totals since the start, and the state after the last frame.
@@ -120,6 +136,8 @@ pub struct Stats {
     pub moved: u64,
     /// Bytes of pages uploaded.
     pub uploaded_bytes: u64,
+    /// Pages that nobody waited for any more before they were read.
+    pub cancelled: u64,
 }
 
 #[derive(Debug)]
@@ -137,9 +155,22 @@ enum State {
 struct Want {
     depth: u32,
     asked: u64,
+    /// Sum over the receivers that missed it of their error on the screen, in the round in which it was asked for last.
+    weight: u32,
+    /// Whether a receiver missed it in that round; else it was foreseen.
+    needed: bool,
     /// Its size, known once it has been read.
     class: Option<u8>,
     state: State,
+}
+
+/// Order of loads and admissions: what is needed now before what is foreseen, then what weighs most, then coarse pages.
+type Rank = (Reverse<(bool, u32)>, u32, u32);
+
+impl Want {
+    fn rank(&self, ordinal: u32) -> Rank {
+        (Reverse((self.needed, self.weight)), self.depth, ordinal)
+    }
 }
 
 enum Room {
@@ -156,12 +187,14 @@ pub struct Residency {
     slots: Slots,
     residents: Residents,
     wants: HashMap<u32, Want>,
-    queue: BTreeSet<(u32, u32)>,
-    ready: BTreeSet<(u32, u32)>,
+    queue: BTreeSet<Rank>,
+    ready: BTreeSet<Rank>,
     loading: u64,
     ready_bytes: u64,
     failures: Failures,
     dirty: BTreeSet<u32>,
+    /// Children of which the device does not know yet what the index says: first ordinal and the one behind the last.
+    untold: VecDeque<(u32, u32)>,
     round: u64,
     frames: u64,
     stats: Stats,
@@ -181,12 +214,13 @@ impl Residency {
             ready_bytes: 0,
             failures: Failures::default(),
             dirty: BTreeSet::new(),
+            untold: VecDeque::new(),
             round: 0,
             frames: 0,
             stats: Stats::default(),
         };
         for root in 0..config.roots.min(config.pages) {
-            this.want(root, 0, 0);
+            this.want(root, 0, 0, u32::MAX, true);
         }
         this
     }
@@ -202,8 +236,20 @@ impl Residency {
     }
 
     /// The table entry of a page.
-    pub fn entry(&self, ordinal: u32) -> [u32; 2] {
-        self.residents.get(ordinal).map_or([NOT_RESIDENT, 0], |r| [r.at, r.first_child])
+    pub fn entry(&self, ordinal: u32) -> Entry {
+        match self.residents.get(ordinal) {
+            Some(r) => [r.at, r.first_child, 0, u32::MAX],
+            None => self
+                .residents
+                .bounds(ordinal)
+                .map_or(ABSENT, |b| [NOT_RESIDENT, b.stop_error, b.min_depth, b.max_depth]),
+        }
+    }
+
+    /// A resident page's children and what the index says of each, as far as that is known.
+    pub fn children(&self, ordinal: u32) -> impl Iterator<Item = (u32, Bounds)> {
+        let page = self.residents.get(ordinal);
+        (page.map_or(0, |p| p.first_child)..).zip(page.map(|p| &p.children[..]).unwrap_or_default().iter().copied())
     }
 
     /// Totals and state.
@@ -218,33 +264,61 @@ impl Residency {
         }
     }
 
-    /// Asks for a page. Nothing happens where its parent does not live in the pool (the walk never came there), where
-    /// it failed a short while ago, or where there is no such page.
-    pub fn request(&mut self, ordinal: u32) {
-        let shared = ordinal >= self.config.pages.saturating_sub(self.config.shared);
-        let depth = match self.residents.parent(ordinal).and_then(|p| self.residents.get(p)) {
-            Some(parent) => parent.depth + 1,
-            None if ordinal < self.config.roots => 0,
-            None if shared => 1,
-            None => return,
-        };
-        self.want(ordinal, depth, self.round);
+    /// Asks for a page that receivers miss; `weight` is the sum of their errors on the screen. Nothing happens where its
+    /// parent does not live in the pool (the walk never came there), where it failed a short while ago, or where there is
+    /// no such page.
+    pub fn request(&mut self, ordinal: u32, weight: u32) {
+        if let Some(depth) = self.depth(ordinal) {
+            self.want(ordinal, depth, self.round, weight, true);
+        }
     }
 
-    fn want(&mut self, ordinal: u32, depth: u32, asked: u64) {
+    /// The same for a page that will be needed: it comes after those that are needed now, and takes no place of a page
+    /// that is in use.
+    pub fn foresee(&mut self, ordinal: u32, weight: u32) {
+        if let Some(depth) = self.depth(ordinal) {
+            self.want(ordinal, depth, self.round, weight, false);
+        }
+    }
+
+    /// Pages above a page that may be asked for.
+    fn depth(&self, ordinal: u32) -> Option<u32> {
+        let shared = ordinal >= self.config.pages.saturating_sub(self.config.shared);
+        match self.residents.parent(ordinal).and_then(|p| self.residents.get(p)) {
+            Some(parent) => Some(parent.depth + 1),
+            None if ordinal < self.config.roots => Some(0),
+            None if shared => Some(1),
+            None => None,
+        }
+    }
+
+    fn want(&mut self, ordinal: u32, depth: u32, asked: u64, weight: u32, needed: bool) {
         if ordinal >= self.config.pages || self.is_resident(ordinal) || self.failures.waits(ordinal, self.frames) {
             return;
         }
         let want = self.wants.entry(ordinal).or_insert_with(|| {
-            self.queue.insert((depth, ordinal));
-            Want { depth, asked, class: None, state: State::Queued }
+            self.queue.insert((Reverse((needed, weight)), depth, ordinal));
+            Want { depth, asked, weight, needed, class: None, state: State::Queued }
         });
+        let (before, again) = (want.rank(ordinal), want.asked == asked);
+        // What was said in this round stays if it is more; what was said in an earlier one is forgotten.
+        if !again || (needed, weight) > (want.needed, want.weight) {
+            (want.needed, want.weight) = (needed, weight);
+        }
         want.asked = want.asked.max(asked);
+        let order = match want.state {
+            State::Queued => &mut self.queue,
+            State::Ready(_) => &mut self.ready,
+            _ => return,
+        };
+        if order.remove(&before) {
+            order.insert(want.rank(ordinal));
+        }
     }
 
-    /// One round of feedback: ordinals that walks missed, and one bit for each unit of the pool that holds a page in
-    /// which a walk ended. `overflow`: more were missed than are listed.
-    pub fn feedback(&mut self, missed: &[u32], used: &[u32], overflow: bool) {
+    /// One round of feedback: pages that walks missed, each with the sum of the receivers' errors on the screen, and one bit
+    /// for each unit of the pool that holds a page in which a walk ended. `overflow`: more were missed than are listed.
+    pub fn feedback(&mut self, missed: impl IntoIterator<Item = (u32, u32)>, used: &[u32], overflow: bool) {
         self.round += 1;
         for (i, &bits) in (0u32..).zip(used) {
             let mut bits = bits;
@@ -257,20 +331,41 @@ impl Residency {
                 }
             }
         }
-        for &ordinal in missed {
-            self.request(ordinal);
+        for (ordinal, weight) in missed {
+            self.request(ordinal, weight);
         }
         if overflow {
             self.wants.values_mut().for_each(|w| w.asked = self.round);
         }
     }
 
-    /// Ordinals to load now, coarse pages first; none while host memory is spoken for.
+    /// Pages being loaded that nobody has asked for lately. An executor that has not begun to read one says so
+    /// ([`cancelled`](Self::cancelled)).
+    pub fn abandoned(&self) -> impl Iterator<Item = u32> {
+        let stale = |(ordinal, w): (&u32, &Want)| {
+            (matches!(w.state, State::Loading) && self.is_stale(*ordinal, w)).then_some(*ordinal)
+        };
+        self.wants.iter().filter_map(stale)
+    }
+
+    /// A page that [`abandoned`](Self::abandoned) named will not be read.
+    pub fn cancelled(&mut self, ordinal: u32) {
+        if self.wants.get(&ordinal).is_some_and(|w| matches!(w.state, State::Loading)) {
+            self.loading -= 1;
+            self.stats.cancelled += 1;
+            self.wants.remove(&ordinal);
+        }
+    }
+
+    fn is_stale(&self, ordinal: u32, want: &Want) -> bool {
+        want.asked + PATIENCE < self.round && ordinal >= self.config.roots
+    }
+
+    /// Ordinals to load now, those that weigh most first; none while host memory is spoken for.
     pub fn loads(&mut self) -> Vec<u32> {
         let mut out = Vec::new();
         while (self.loading + 1) * BLOCK_BYTES + self.ready_bytes <= self.config.host_bytes {
-            let Some(&(depth, ordinal)) = self.queue.first() else { break };
-            self.queue.pop_first();
+            let Some((_, depth, ordinal)) = self.queue.pop_first() else { break };
             let Some(want) = self.wants.get_mut(&ordinal) else { continue };
             // A page that was never read may be of any size: one at a time is tried.
             let room = match want.class {
@@ -278,7 +373,7 @@ impl Residency {
                 None if self.loading == 0 && self.ready.is_empty() => self.slots.has_any_room(),
                 None => self.slots.has_room(0),
             };
-            let hopeless = !room && self.residents.victim(depth, self.round).is_none();
+            let hopeless = !room && self.residents.victim(depth, self.round, want.needed).is_none();
             if hopeless {
                 // Reading what can't be kept would only wear the disk.
                 want.state = State::Parked(self.frames + PARKED);
@@ -299,7 +394,7 @@ impl Residency {
         };
         self.loading -= 1;
         self.ready_bytes += page.words.len() as u64 * 4;
-        self.ready.insert((want.depth, page.ordinal));
+        self.ready.insert(want.rank(page.ordinal));
         want.class = class_of(page.words.len() as u32);
         want.state = State::Ready(page);
     }
@@ -318,8 +413,9 @@ impl Residency {
         self.frames += 1;
         let mut frame = Frame::default();
         let mut bytes = 0;
-        for (depth, ordinal) in self.ready.clone() {
-            let Some(Want { state: State::Ready(page), .. }) = self.wants.get(&ordinal) else { continue };
+        for (_, depth, ordinal) in self.ready.clone() {
+            let Some(Want { state: State::Ready(page), needed, .. }) = self.wants.get(&ordinal) else { continue };
+            let needed = *needed;
             let page_bytes = page.words.len() as u64 * 4;
             if bytes + page_bytes > self.config.frame_bytes || self.dirty.len() as u64 >= MAX_DIRTY {
                 break;
@@ -340,7 +436,7 @@ impl Residency {
                 self.unready(ordinal, Some(State::Waiting(needs)));
                 continue;
             }
-            match self.make_room(class, depth, &mut frame) {
+            match self.make_room(class, (depth, needed), &mut frame) {
                 Room::Found => {}
                 Room::NotNow => break,
                 Room::None => {
@@ -360,19 +456,37 @@ impl Residency {
                 words: page.words.len() as u32,
                 first_child: page.first_child,
                 child_count: page.child_count,
+                children: page.children,
                 depth,
                 stamp: self.round + GRACE,
                 dependents: 0,
                 needs,
                 pinned: root,
             };
+            if !resident.children.is_empty() {
+                self.untold.push_back((page.first_child, page.first_child.saturating_add(page.child_count.into())));
+            }
             self.residents.insert(ordinal, resident);
             frame.ops.push(Op::Upload { at, words: page.words });
         }
         self.revise();
+        self.tell();
         let dirty = std::mem::take(&mut self.dirty);
         frame.table = dirty.into_iter().map(|o| (o, self.entry(o))).collect();
         frame
+    }
+
+    /// Puts what the index says of the children of new pages into the frame's table, as far as it reaches.
+    fn tell(&mut self) {
+        while let Some((next, end)) = self.untold.pop_front() {
+            let room = MAX_DIRTY.saturating_sub(self.dirty.len() as u64);
+            let until = next.saturating_add(u32::try_from(room).unwrap_or(u32::MAX)).min(end);
+            self.dirty.extend(next..until);
+            if until < end {
+                self.untold.push_front((until, end));
+                return;
+            }
+        }
     }
 
     /// Takes a page out of the ready ones: to another state, or out of the wanted.
@@ -380,9 +494,9 @@ impl Residency {
         let want = self.wants.get_mut(&ordinal)?;
         let next = state.unwrap_or(State::Queued);
         let gone = matches!(next, State::Queued);
-        let depth = want.depth;
+        let rank = want.rank(ordinal);
         let State::Ready(page) = std::mem::replace(&mut want.state, next) else { return None };
-        self.ready.remove(&(depth, ordinal));
+        self.ready.remove(&rank);
         self.ready_bytes -= page.words.len() as u64 * 4;
         if gone {
             self.wants.remove(&ordinal);
@@ -392,7 +506,7 @@ impl Residency {
 
     /// Room for a page of a class; where there is none whoever goes, everybody stays: what was evicted for nothing would
     /// be read again, for ever.
-    fn make_room(&mut self, class: u8, depth: u32, frame: &mut Frame) -> Room {
+    fn make_room(&mut self, class: u8, (depth, needed): (u32, bool), frame: &mut Frame) -> Room {
         let mut gone = Vec::new();
         let room = loop {
             if self.slots.has_room(class) {
@@ -413,7 +527,7 @@ impl Residency {
                 }
                 continue;
             }
-            let Some(victim) = self.residents.victim(depth, self.round) else { break Room::None };
+            let Some(victim) = self.residents.victim(depth, self.round, needed) else { break Room::None };
             if let Some(page) = self.residents.remove(victim) {
                 self.slots.free(page.at);
                 gone.push((victim, page));
@@ -441,7 +555,7 @@ impl Residency {
         let mut gone = Vec::new();
         let mut ask = Vec::new();
         for (&ordinal, want) in &self.wants {
-            let stale = want.asked + PATIENCE < self.round && ordinal >= self.config.roots;
+            let stale = self.is_stale(ordinal, want);
             match &want.state {
                 State::Loading => {}
                 _ if stale => gone.push(ordinal),
@@ -449,7 +563,7 @@ impl Residency {
                 State::Parked(until) if *until > self.frames => {}
                 State::Parked(_) => again.push(ordinal),
                 State::Waiting(needs) => {
-                    ask.extend(needs.iter().map(|&n| (n, want.depth, want.asked)));
+                    ask.extend(needs.iter().map(|&n| (n, want.depth, want.asked, want.weight, want.needed)));
                     if needs.iter().all(|&n| self.is_resident(n)) {
                         again.push(ordinal);
                     }
@@ -460,20 +574,20 @@ impl Residency {
             if self.unready(ordinal, None).is_none()
                 && let Some(want) = self.wants.remove(&ordinal)
             {
-                self.queue.remove(&(want.depth, ordinal));
+                self.queue.remove(&want.rank(ordinal));
             }
         }
-        for (need, depth, asked) in ask {
+        for (need, depth, asked, weight, needed) in ask {
             self.residents.touch(need, self.round);
             // Only shared pages: a parent that has gone asks for itself.
             if need >= self.config.pages.saturating_sub(self.config.shared) {
-                self.want(need, depth, asked);
+                self.want(need, depth, asked, weight, needed);
             }
         }
         for ordinal in again {
             if let Some(want) = self.wants.get_mut(&ordinal) {
                 want.state = State::Queued;
-                self.queue.insert((want.depth, ordinal));
+                self.queue.insert(want.rank(ordinal));
             }
         }
     }

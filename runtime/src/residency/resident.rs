@@ -1,6 +1,9 @@
 //! The pages that live in the pool, who needs whom, and who goes first.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::Arc;
+
+use umbrage_reader::query::Bounds;
 
 /// A page in the pool.
 #[derive(Debug, Clone)]
@@ -13,6 +16,8 @@ pub struct Resident {
     pub first_child: u32,
     /// Its children.
     pub child_count: u16,
+    /// What the index says of each, in order; empty where that is not known.
+    pub children: Arc<[Bounds]>,
     /// Pages above it; for a shared page those above the first that asked for it.
     pub depth: u32,
     /// Round of its last use.
@@ -61,6 +66,12 @@ impl Residents {
     pub fn parent(&self, ordinal: u32) -> Option<u32> {
         let (_, &(end, parent)) = self.children.range(..=ordinal).next_back()?;
         (ordinal < end).then_some(parent)
+    }
+
+    /// What the index says of a page whose parent is resident.
+    pub fn bounds(&self, ordinal: u32) -> Option<Bounds> {
+        let parent = self.get(self.parent(ordinal)?)?;
+        parent.children.get(ordinal.checked_sub(parent.first_child)? as usize).copied()
     }
 
     /// Applies a change to a page and keeps the orders right.
@@ -129,12 +140,15 @@ impl Residents {
         })
     }
 
-    /// Who goes for a page of `depth`: the least recently used if it was not used in this round, else one that is
-    /// deeper than the newcomer and past its grace.
-    pub fn victim(&self, depth: u32, round: u64) -> Option<u32> {
+    /// Who goes for a page of `depth`: the least recently used if it was not used in this round, else, for a page that
+    /// somebody needs now, one that is deeper than the newcomer and past its grace.
+    pub fn victim(&self, depth: u32, round: u64, needed: bool) -> Option<u32> {
         let &(stamp, oldest) = self.by_stamp.first()?;
         if stamp < round {
             return Some(oldest);
+        }
+        if !needed {
+            return None;
         }
         let &(deepest, ordinal) = self.by_depth.last()?;
         (deepest > depth && self.pages.get(&ordinal).is_some_and(|p| p.stamp <= round)).then_some(ordinal)

@@ -37,6 +37,7 @@ impl Pages {
             ordinal,
             first_child,
             child_count,
+            children: (first_child..first_child + u32::from(child_count)).map(bounds).collect(),
             dependencies: Vec::new(),
             words: vec![ordinal; words as usize].into(),
         }
@@ -65,19 +66,24 @@ impl Pages {
     }
 }
 
+/// What the index says of a page.
+fn bounds(ordinal: u32) -> Bounds {
+    Bounds { min_depth: ordinal, max_depth: 2 * ordinal + 5, stop_error: 7 * ordinal }
+}
+
 /// An executor in memory, and the checks.
 struct World {
     pages: Pages,
     residency: Residency,
     pool: Vec<u32>,
-    table: Vec<[u32; 2]>,
+    table: Vec<Entry>,
     loading: Vec<u32>,
 }
 
 impl World {
     fn new(pages: Pages, blocks: u32) -> Self {
         let residency = Residency::new(pages.config(blocks));
-        let (pool, table) = (vec![0; (blocks * BLOCK_WORDS) as usize], vec![[NOT_RESIDENT, 0]; pages.records.len()]);
+        let (pool, table) = (vec![0; (blocks * BLOCK_WORDS) as usize], vec![ABSENT; pages.records.len()]);
         Self { pages, residency, pool, table, loading: Vec::new() }
     }
 
@@ -127,9 +133,10 @@ impl World {
         }
         self.check();
         let mut used = vec![0; self.pool.len() / UNIT_WORDS as usize / 32];
-        let missed: Vec<u32> = targets.iter().filter_map(|&t| self.walk(t, &mut used)).collect();
-        self.residency.feedback(&missed, &used, false);
-        missed.len()
+        let missed: Vec<(u32, u32)> = targets.iter().filter_map(|&t| Some((self.walk(t, &mut used)?, 1))).collect();
+        let count = missed.len();
+        self.residency.feedback(missed, &used, false);
+        count
     }
 
     fn check(&self) {
@@ -148,7 +155,11 @@ impl World {
         spans.sort_unstable();
         assert!(spans.windows(2).all(|w| w[0].1 <= w[1].0), "two pages in one place");
         for (ordinal, &entry) in (0u32..).zip(&self.table) {
-            assert_eq!(entry, r.entry(ordinal), "the table of the device is the state's");
+            let (own, told) = (r.entry(ordinal), bounds(ordinal));
+            let told = [NOT_RESIDENT, told.stop_error, told.min_depth, told.max_depth];
+            // What the index says comes some frames later than the parent, and stays true when it goes.
+            let right = if own[0] == NOT_RESIDENT { entry == ABSENT || entry == told } else { entry == own };
+            assert!(right, "the table of the device is the state's");
         }
         let ready: u64 =
             r.wants.values().map(|w| if let State::Ready(p) = &w.state { p.words.len() as u64 * 4 } else { 0 }).sum();
@@ -183,8 +194,9 @@ proptest! {
             rooted |= world.residency.roots_resident();
             prop_assert!(!rooted || world.residency.roots_resident(), "a root was evicted");
             // Requests out of thin air do no harm.
-            world.residency.request(u32::from(luck) * 5);
-            world.residency.request(u32::MAX);
+            world.residency.request(u32::from(luck) * 5, u32::from(luck));
+            world.residency.foresee(u32::from(luck) * 3, u32::MAX);
+            world.residency.request(u32::MAX, 1);
         }
     }
 
@@ -290,6 +302,7 @@ fn dependencies_come_first_and_stay() {
         ordinal,
         first_child: 0,
         child_count: 0,
+        children: Arc::default(),
         dependencies: dependencies.to_vec(),
         words: vec![ordinal; 100].into(),
     };
@@ -299,16 +312,96 @@ fn dependencies_come_first_and_stay() {
     }
     let config = Config { pages: 5, roots: 1, shared: 4, blocks: 3, frame_bytes: BLOCK_BYTES, host_bytes: BLOCK_BYTES };
     let mut residency = Residency::new(config);
-    residency.request(3);
+    residency.request(3, 1);
     for _ in 0..60 {
         for o in residency.loads() {
             residency.loaded(by_ordinal[&o].clone());
         }
         residency.frame();
-        residency.feedback(&[], &[], false);
+        residency.feedback([], &[], false);
         assert!(!residency.is_resident(1) || residency.is_resident(2));
         assert!(!residency.is_resident(0) || residency.is_resident(1));
     }
     assert!((0..3).all(|o| residency.is_resident(o)) && !residency.is_resident(3));
     assert_eq!(residency.stats().wanted, 0, "nobody asks for 3 any more");
+}
+
+/// A root with so many small children, the root resident.
+fn many(children: u16) -> World {
+    let mut records = vec![(1 + u32::from(children), 0, 64); 1 + usize::from(children)];
+    records[0] = (1, children, 100);
+    let mut world = World::new(Pages { records, roots: 1 }, 4);
+    world.frame(&[], |_| false);
+    world
+}
+
+#[test]
+fn what_weighs_most_is_loaded_first_and_what_is_foreseen_last() {
+    let mut world = many(20);
+    let r = &mut world.residency;
+    r.feedback([(1, 5), (2, 50), (3, 20)], &[], false);
+    r.foresee(4, 1000);
+    r.foresee(5, 2000);
+    // Said again in the same round: the larger weight stays, and a receiver that misses it now counts more than foresight.
+    r.request(1, 30);
+    r.foresee(2, 1);
+    // As many as host memory holds.
+    assert_eq!(r.loads(), [2, 1, 3, 5]);
+    for ordinal in [5, 3] {
+        r.loaded(world.pages.page(ordinal));
+    }
+    // What has been read waits in the order of the latest round.
+    r.feedback([(5, 9), (3, 7)], &[], false);
+    let ready: Vec<u32> = r.ready.iter().map(|k| k.2).collect();
+    assert_eq!(ready, [5, 3]);
+}
+
+#[test]
+fn a_foreseen_page_takes_no_place_that_is_in_use() {
+    // Room for the root's block and one page of a whole block.
+    let records = vec![(1, 2, 64), (3, 0, BLOCK_WORDS), (3, 0, BLOCK_WORDS)];
+    let mut world = World::new(Pages { records, roots: 1 }, 2);
+    assert!((0..20).any(|_| world.frame(&[1], |_| false) == 0));
+    for _ in 0..20 {
+        world.residency.foresee(2, u32::MAX);
+        assert_eq!(world.frame(&[1], |_| false), 0);
+    }
+    assert!(world.residency.is_resident(1) && world.residency.stats().evicted == 0);
+    // Once nobody uses the other it comes before anybody has missed it.
+    let came = (0..20).any(|_| {
+        world.residency.foresee(2, 1);
+        world.frame(&[0], |_| false);
+        world.residency.is_resident(2)
+    });
+    assert!(came);
+}
+
+#[test]
+fn a_load_that_nobody_waits_for_is_abandoned() {
+    let mut world = many(20);
+    let r = &mut world.residency;
+    r.request(7, 1);
+    assert_eq!(r.loads(), [7]);
+    for _ in 0..PATIENCE {
+        r.feedback([], &[], false);
+        assert_eq!(r.abandoned().count(), 0);
+    }
+    r.feedback([], &[], false);
+    assert_eq!(r.abandoned().collect::<Vec<_>>(), [7]);
+    r.cancelled(7);
+    assert_eq!((r.abandoned().count(), r.stats().wanted, r.stats().cancelled, r.loading), (0, 0, 1, 0));
+    r.cancelled(7);
+    // It may be asked for again.
+    r.request(7, 1);
+    assert_eq!((r.loads(), r.stats().cancelled), (vec![7], 1));
+}
+
+#[test]
+fn the_device_learns_of_all_children_however_many() {
+    let mut world = many(3000);
+    (0..4).for_each(|_| drop(world.frame(&[], |_| false)));
+    for ordinal in 1..=3000 {
+        let b = bounds(ordinal);
+        assert_eq!(world.table[ordinal as usize], [NOT_RESIDENT, b.stop_error, b.min_depth, b.max_depth]);
+    }
 }

@@ -14,9 +14,13 @@ use umbrage_format::projection::UNCOVERED;
 use umbrage_format::structure::MAX_LOG2_RESOLUTION;
 use umbrage_reader::query::filter::{GRADIENT_BITS, LOD_BITS, MAX_SIDE};
 
-use super::{FEEDBACK_CAPACITY, FEEDBACK_HEAD, FEEDBACK_LIST, WORKGROUP};
+use super::{
+    FEEDBACK_HEAD, FEEDBACK_LOG2, FEEDBACK_PROBES, FEEDBACK_SLOTS, FEEDBACK_USED, MOST_GAP, MOST_WEIGHT, WORKGROUP,
+};
 use crate::query::filter::SHARE_SHIFT;
-use crate::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, MAX_STEPS, NONE, NOT_RESIDENT, OUTSIDE, WORD_SHIFT};
+use crate::query::pool::{
+    ANCESTOR, EXACT, LEVEL_SHIFT, LIT, MAX_STEPS, NONE, NOT_RESIDENT, OUTSIDE, SETTLED, WORD_SHIFT,
+};
 use crate::residency::slots::UNIT_WORDS;
 
 /// Word, shift and width of a field, found by encoding it with all its bits set and all others zero.
@@ -117,8 +121,12 @@ fn numbers() -> Vec<(&'static str, u32)> {
         ("NO_PAGE", NONE),
         ("UNIT_WORDS", UNIT_WORDS),
         ("FEEDBACK_HEAD", FEEDBACK_HEAD),
-        ("FEEDBACK_CAPACITY", FEEDBACK_CAPACITY),
-        ("FEEDBACK_LIST", FEEDBACK_LIST),
+        ("FEEDBACK_LOG2", FEEDBACK_LOG2),
+        ("FEEDBACK_SLOTS", FEEDBACK_SLOTS),
+        ("FEEDBACK_PROBES", FEEDBACK_PROBES),
+        ("FEEDBACK_USED", FEEDBACK_USED),
+        ("MOST_GAP", MOST_GAP),
+        ("MOST_WEIGHT", MOST_WEIGHT),
         ("MAX_SIDE", MAX_SIDE),
         ("GRADIENT_BITS", GRADIENT_BITS),
         ("LOD_BITS", LOD_BITS),
@@ -127,6 +135,7 @@ fn numbers() -> Vec<(&'static str, u32)> {
         ("ANCESTOR", ANCESTOR),
         ("OUTSIDE", OUTSIDE),
         ("EXACT", EXACT),
+        ("SETTLED", SETTLED),
         ("LEVEL_SHIFT", LEVEL_SHIFT),
         ("WORD_SHIFT", WORD_SHIFT),
         ("WORKGROUP", WORKGROUP),

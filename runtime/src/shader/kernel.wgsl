@@ -31,8 +31,8 @@ fn answer(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups)
     umb_queries[umb_range.x + i] = vec4<u32>(d.value, umb_state(d, q.w), d.missing, d.page);
 }
 
-// In: x, y, depth rounded up, state of the frame before. Out: state. A pixel that is exact stays as it is, and lets
-// go of its pages.
+// In: x, y, depth rounded up, state of the frame before with the level asked for from UMB_WORD_SHIFT on. Out: state, the level
+// asked for in place of the word. A pixel that is exact stays as it is, and lets go of its pages.
 @compute @workgroup_size(UMB_WORKGROUP)
 fn pixels(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let i = umb_index(id, groups);
@@ -43,13 +43,12 @@ fn pixels(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups)
     if (q.w & UMB_EXACT) != 0u {
         return;
     }
-    if umb_outside(q.x, q.y) {
-        umb_queries[umb_range.x + i].w = UMB_LIT | UMB_OUTSIDE | UMB_EXACT;
-        return;
+    let level = q.w >> UMB_WORD_SHIFT;
+    let state = umb_shadow(umb_range.z, q.x, q.y, level, q.z);
+    if (state & UMB_EXACT) == 0u {
+        atomicAdd(&umb_feedback[1], 1u);
     }
-    let d = umb_answer(umb_range.z, q.x, q.y, 0u);
-    umb_note_ancestor(d);
-    umb_queries[umb_range.x + i].w = umb_state(d, q.z);
+    umb_queries[umb_range.x + i].w = (state & ((1u << UMB_WORD_SHIFT) - 1u)) | (level << UMB_WORD_SHIFT);
 }
 
 // Two words of four for each query. In: x, y, depth rounded up, state of the frame before; gradient, level of detail,

@@ -7,8 +7,10 @@
 //! What a shader calls:
 //!
 //! - `umb_locate(lattice, point)`: texel and depth of a point;
-//! - `umb_answer(root, x, y, level)`: the walk to a texel, by the structure's kind; `umb_mh`, `umb_mmh`, `umb_vector` where the
-//!   kind is known beforehand;
+//! - `umb_shadow(root, x, y, level, depth)`: light or shadow for a receiver, from what is resident; asks for a page only where
+//!   what the index says of it does not settle the receiver;
+//! - `umb_answer(root, x, y, level)`: the value at a texel, by the structure's kind; `umb_mh`, `umb_mmh`, `umb_vector` where the
+//!   kind is known beforehand, which don't ask for the page that was missing (`umb_want` does);
 //! - `umb_continuous(root, x, y, sub)`, `umb_vector_continuous`: the answer at a place inside a texel;
 //! - `umb_pcf(root, receiver, side, level)`, `umb_trilinear`, `umb_share_state`: percentage-closer filtering;
 //! - `umb_state(answer, depth)`: light or shadow, and how far to trust it.
@@ -16,23 +18,33 @@
 //! | binding | buffer |
 //! |---|---|
 //! | 0 | `umb_pool`: the words of the pages, each page from its entry's word; in kind `mmh` behind a page the ordinals that it depends on |
-//! | 1 | `umb_table`: for each page its first word in the pool, or not resident; and its first child's ordinal |
-//! | 2 | `umb_feedback`: what walks missed and used, see [`FEEDBACK_LIST`] |
+//! | 1 | `umb_table`: for each page an [`Entry`](crate::residency::Entry) |
+//! | 2 | `umb_feedback`: what walks missed and used, see [`FEEDBACK_USED`] |
 //! | 3 | `umb_view`: sizes, the uniform [`View`] |
 
 mod constants;
 
 pub use constants::prelude;
 
-/// Words of a page table entry: first word in the pool, first child.
-pub const TABLE_ENTRY_WORDS: u32 = 2;
-/// Words before the list of the feedback: how many distinct pages were missed, how many queries an ancestor answered.
+/// Words of a page table entry.
+pub const TABLE_ENTRY_WORDS: u32 = 4;
+/// Words before the table of the missed: how many distinct pages are in it, how many queries an ancestor answered, how
+/// many times a page found no place in it.
 pub const FEEDBACK_HEAD: u32 = 4;
-/// Most ordinals in the list.
-pub const FEEDBACK_CAPACITY: u32 = 4096;
-/// Words of head and list; behind them one bit for each unit of the pool that was used, then one for each page that
-/// is in the list already.
-pub const FEEDBACK_LIST: u32 = FEEDBACK_HEAD + FEEDBACK_CAPACITY;
+/// Binary logarithm of the slots of the table of the missed.
+pub const FEEDBACK_LOG2: u32 = 12;
+/// Slots of the table of the missed, two words each: 1 + the page's ordinal, 0 where it is free; and the sum of what the
+/// receivers that missed it lose on the screen, at most about [`MOST_WEIGHT`].
+pub const FEEDBACK_SLOTS: u32 = 1 << FEEDBACK_LOG2;
+/// Slots that a page is looked for in, one behind the other.
+pub const FEEDBACK_PROBES: u32 = 8;
+/// Words of head and table of the missed; behind them one bit for each unit of the pool that was used.
+pub const FEEDBACK_USED: u32 = FEEDBACK_HEAD + 2 * FEEDBACK_SLOTS;
+/// A page that weighs so much gets no heavier: all receivers of a frame may miss the same one, and each would wait for its
+/// turn to say so.
+pub const MOST_WEIGHT: u32 = 1 << 16;
+/// Most that one receiver adds, as a power of two: the levels that its answer is too coarse.
+pub const MOST_GAP: u32 = 8;
 /// Invocations of a workgroup in [`kernels`].
 pub const WORKGROUP: u32 = 64;
 
@@ -68,6 +80,10 @@ uniform! {
         used_words,
         /// Code of the structure's kind.
         kind,
+        /// 1: pages that the index settles are not asked for.
+        skips,
+        /// Error in lattice steps up to which the index may settle a receiver by what stands above a page.
+        error,
     }
 }
 
@@ -90,7 +106,7 @@ fn bindings(group: u32) -> String {
     [
         View::wgsl(),
         declare(0, "var<storage, read> umb_pool: array<u32>"),
-        declare(1, "var<storage, read> umb_table: array<vec2<u32>>"),
+        declare(1, "var<storage, read> umb_table: array<vec4<u32>>"),
         declare(2, "var<storage, read_write> umb_feedback: array<atomic<u32>>"),
         declare(3, "var<uniform> umb_view: UmbView"),
     ]
@@ -123,6 +139,7 @@ mod tests {
         naga::back::hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).unwrap();
         for name in [
             "umb_answer(",
+            "umb_shadow(",
             "umb_mh(",
             "umb_mmh(",
             "umb_vector(",

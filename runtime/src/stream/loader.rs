@@ -1,12 +1,14 @@
 //! Threads that read and check pages, so that no frame waits for a disk or a checksum.
 
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{self, Receiver, Sender};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use umbrage_format::Kind;
+use umbrage_reader::query::Bounds;
 use umbrage_reader::{ReaderError, Structure};
 
 use crate::residency::LoadedPage;
@@ -14,10 +16,43 @@ use crate::residency::LoadedPage;
 /// What became of a page.
 pub type Outcome = (u32, Result<LoadedPage, ReaderError>);
 
-/// The threads and the channels to them.
+/// Orders that no thread has taken yet, in the order in which they were given.
+#[derive(Debug, Default)]
+struct Orders {
+    waiting: VecDeque<u32>,
+    closed: bool,
+}
+
+#[derive(Debug, Default)]
+struct Desk {
+    orders: Mutex<Orders>,
+    changed: Condvar,
+}
+
+impl Desk {
+    fn orders(&self) -> MutexGuard<'_, Orders> {
+        self.orders.lock().unwrap_or_else(|e| e.into_inner())
+    }
+
+    /// The next order; none where no more will come.
+    fn next(&self) -> Option<u32> {
+        let mut orders = self.orders();
+        loop {
+            if orders.closed {
+                return None;
+            }
+            if let Some(ordinal) = orders.waiting.pop_front() {
+                return Some(ordinal);
+            }
+            orders = self.changed.wait(orders).unwrap_or_else(|e| e.into_inner());
+        }
+    }
+}
+
+/// The threads and the ways to them.
 #[derive(Debug)]
 pub struct Loader {
-    orders: Option<Sender<u32>>,
+    desk: Arc<Desk>,
     outcomes: Receiver<Outcome>,
     threads: Vec<JoinHandle<()>>,
 }
@@ -25,24 +60,29 @@ pub struct Loader {
 impl Loader {
     /// Starts `threads` threads, at least one.
     pub fn start(structure: &Structure, threads: usize) -> Self {
-        let (orders, incoming) = mpsc::channel();
+        let desk = Arc::new(Desk::default());
         let (outgoing, outcomes) = mpsc::channel();
-        let incoming = Arc::new(Mutex::new(incoming));
         let threads = (0..threads.max(1))
             .map(|_| {
-                let (structure, incoming, outgoing) = (structure.clone(), incoming.clone(), outgoing.clone());
-                std::thread::spawn(move || work(&structure, &incoming, &outgoing))
+                let (structure, desk, outgoing) = (structure.clone(), desk.clone(), outgoing.clone());
+                std::thread::spawn(move || work(&structure, &desk, &outgoing))
             })
             .collect();
-        Self { orders: Some(orders), outcomes, threads }
+        Self { desk, outcomes, threads }
     }
 
     /// Asks for a page; returns at once.
     pub fn order(&self, ordinal: u32) {
-        if let Some(orders) = &self.orders {
-            // Fails only where every thread has died; then nothing comes, and ancestors answer.
-            let _ = orders.send(ordinal);
-        }
+        self.desk.orders().waiting.push_back(ordinal);
+        self.desk.changed.notify_one();
+    }
+
+    /// Takes an order back; `false` where a thread has begun with it already.
+    pub fn cancel(&self, ordinal: u32) -> bool {
+        let mut orders = self.desk.orders();
+        let before = orders.waiting.len();
+        orders.waiting.retain(|o| *o != ordinal);
+        orders.waiting.len() < before
     }
 
     /// A page that has come; `None` at once where there is none.
@@ -58,7 +98,8 @@ impl Loader {
 
 impl Drop for Loader {
     fn drop(&mut self) {
-        self.orders = None;
+        self.desk.orders().closed = true;
+        self.desk.changed.notify_all();
         for thread in self.threads.drain(..) {
             // A thread that panicked has said so already.
             let _ = thread.join();
@@ -66,10 +107,8 @@ impl Drop for Loader {
     }
 }
 
-fn work(structure: &Structure, incoming: &Mutex<Receiver<u32>>, outgoing: &Sender<Outcome>) {
-    loop {
-        let order = incoming.lock().unwrap_or_else(|e| e.into_inner()).recv();
-        let Ok(ordinal) = order else { return };
+fn work(structure: &Structure, desk: &Desk, outgoing: &Sender<Outcome>) {
+    while let Some(ordinal) = desk.next() {
         // A source of the caller's may panic: then this page has failed, and the thread lives on.
         let outcome = catch_unwind(AssertUnwindSafe(|| load(structure, ordinal))).unwrap_or_else(|_| {
             let source = Arc::new(std::io::Error::other("the source panicked"));
@@ -82,7 +121,7 @@ fn work(structure: &Structure, incoming: &Mutex<Receiver<u32>>, outgoing: &Sende
 }
 
 /// Reads a page and checks it as far as this version knows its kind: CRC and frame always, nodes where the kind has a
-/// layout.
+/// layout. With it comes what the index says of its children.
 pub fn load(structure: &Structure, ordinal: u32) -> Result<LoadedPage, ReaderError> {
     let frame = structure.page_bytes(ordinal)?.check_frame()?;
     let record = *frame.record();
@@ -93,10 +132,15 @@ pub fn load(structure: &Structure, ordinal: u32) -> Result<LoadedPage, ReaderErr
         kind if kind.has_layout() => frame.check_kind()?.words().into(),
         _ => frame.words().into(),
     };
+    // The children's records stand together. Where they can't be read, the children can't be loaded either, and say why.
+    let children = record.first_child.get()..record.children_end();
+    let children: Result<Vec<Bounds>, ReaderError> =
+        children.map(|o| structure.page_record(o).map(|r| Bounds::of(&r))).collect();
     Ok(LoadedPage {
         ordinal,
         first_child: record.first_child.get(),
         child_count: record.child_count.get(),
+        children: children.unwrap_or_default().into(),
         dependencies,
         words,
     })

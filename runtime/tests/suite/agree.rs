@@ -6,12 +6,13 @@ use umbrage_reader::query::{PageView, mh, mmh, vector};
 use umbrage_reader::{CheckedPage, Structure};
 use umbrage_runtime::GpuStreamer;
 use umbrage_runtime::query::pool::{ANCESTOR, EXACT, LEVEL_SHIFT, LIT, NONE, Pool, WORD_SHIFT};
+use umbrage_runtime::residency::Entry;
 
 /// What the device says and holds.
 pub struct Answered {
     pub answers: Vec<[u32; 4]>,
     pub words: Vec<u32>,
-    pub table: Vec<[u32; 2]>,
+    pub table: Vec<Entry>,
 }
 
 /// Asks the device, then reads its bytes back.
@@ -25,7 +26,7 @@ pub fn ask(gpu: &mut GpuStreamer, root: u32, queries: &[[u32; 4]]) -> Answered {
 pub fn compare(answered: &Answered, structure: &Structure, root: u32, queries: &[[u32; 4]]) -> [usize; 3] {
     let Answered { answers, words, table } = answered;
     let log2 = structure.record().log2_resolution;
-    let pool = Pool { words, table, kind: structure.kind(), log2_resolution: log2 };
+    let pool = Pool { words, table, kind: structure.kind(), log2_resolution: log2, skips: None };
     let pages: Vec<Option<CheckedPage>> =
         (0u32..).zip(table).map(|(o, e)| (e[0] != NONE).then(|| structure.page(o).expect("it was uploaded"))).collect();
     for ((page, entry), ordinal) in pages.iter().zip(table).zip(0u32..) {

@@ -6,7 +6,8 @@ use umbrage_format::kind::vector::{Line, Plane};
 use umbrage_reader::query::{PageView, vector};
 use umbrage_runtime::query::pool::NONE;
 use umbrage_runtime::query::{Answer, Pool};
-use umbrage_runtime::shader::{self, FEEDBACK_LIST, View};
+use umbrage_runtime::residency::Entry as TableEntry;
+use umbrage_runtime::shader::{self, FEEDBACK_USED, View};
 use wgpu::util::DeviceExt;
 
 use crate::support::device;
@@ -81,13 +82,15 @@ impl Bare {
             log2_resolution: pool.log2_resolution.into(),
             used_words,
             kind: pool.kind.code(),
+            skips: pool.skips.is_some().into(),
+            error: pool.skips.unwrap_or(0),
         };
         let buffer = |contents: &[u8], usage| {
             let usage = usage | wgpu::BufferUsages::COPY_SRC;
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
         };
         let storage = wgpu::BufferUsages::STORAGE;
-        let feedback = vec![0u32; (FEEDBACK_LIST + used_words) as usize + pool.table.len() / 32 + 1];
+        let feedback = vec![0u32; (FEEDBACK_USED + used_words) as usize];
         let buffers = [
             buffer(bytemuck::cast_slice(pool.words), storage),
             buffer(bytemuck::cast_slice(pool.table), storage),
@@ -139,10 +142,10 @@ impl Bare {
 }
 
 /// Pages one behind the other, and their table.
-fn pool(pages: &[Vec<u32>], first_children: &[u32]) -> (Vec<u32>, Vec<[u32; 2]>) {
+fn pool(pages: &[Vec<u32>], first_children: &[u32]) -> (Vec<u32>, Vec<TableEntry>) {
     let (mut words, mut table) = (Vec::new(), Vec::new());
     for (page, first_child) in pages.iter().zip(first_children) {
-        table.push([words.len() as u32, *first_child]);
+        table.push([words.len() as u32, *first_child, 0, u32::MAX]);
         words.extend_from_slice(page);
     }
     (words, table)
@@ -169,7 +172,7 @@ fn places_inside_texels_answer_as_twin_reader_and_naive_tree() {
         let tree = grow(&mut |n| dice.roll(n), log2, true, bushy);
         let (pages, first_children) = laid(&tree, log2);
         let (words, table) = pool(&pages, &first_children);
-        let pool = Pool { words: &words, table: &table, kind: Kind::Vector, log2_resolution: log2 };
+        let pool = Pool { words: &words, table: &table, kind: Kind::Vector, log2_resolution: log2, skips: None };
         let lookups: Vec<Lookup> = (0..500_000)
             .map(|_| {
                 let at = [0; 2].map(|_| dice.roll(1 << log2));
@@ -223,7 +226,7 @@ fn entries_at_the_extremes_of_their_fields() {
     let nodes: Vec<Node> = entries.into_iter().map(|e| Node::leaf(e).proven()).collect();
     let laid: Vec<Vec<u32>> = nodes.iter().map(|n| pages(n, LOG2).remove(0).words).collect();
     let (words, table) = pool(&laid, &vec![0; laid.len()]);
-    let pool = Pool { words: &words, table: &table, kind: Kind::Vector, log2_resolution: LOG2 };
+    let pool = Pool { words: &words, table: &table, kind: Kind::Vector, log2_resolution: LOG2, skips: None };
     let side = 1u32 << LOG2;
     let mut lookups = Vec::new();
     for root in 0..nodes.len() as u32 {
@@ -287,7 +290,7 @@ fn words_that_no_check_has_seen() {
         let kind = [Kind::Vector, Kind::Vector, Kind::Vector, Kind::Mh, Kind::Mmh, Kind::Stack][round % 6];
         // A view may lie, too.
         let log2_resolution = if dice.roll(16) == 0 { dice.roll(256) as u8 } else { log2 };
-        let pool = Pool { words: &words, table: &table, kind, log2_resolution };
+        let pool = Pool { words: &words, table: &table, kind, log2_resolution, skips: None };
         let pages = table.len() as u32;
         let lookups: Vec<Lookup> = (0..4000)
             .map(|_| {

@@ -61,7 +61,7 @@ fn adaptive_shared_stack_and_flat_pages_pass_unchanged() {
         let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, 2 << 20).unwrap();
         for _ in 0..20 {
             gpu.streamer_mut().wait(std::time::Duration::from_millis(20));
-            (0..structure.page_count()).for_each(|o| gpu.streamer_mut().request(o));
+            (0..structure.page_count()).for_each(|o| gpu.streamer_mut().request(o, 1));
             gpu.begin();
             let mut encoder = headless.device.create_command_encoder(&Default::default());
             gpu.record(&mut encoder);
@@ -71,7 +71,7 @@ fn adaptive_shared_stack_and_flat_pages_pass_unchanged() {
         let (words, table) = gpu.read_back().unwrap();
         assert_eq!(table.len(), pages.len());
         for (ordinal, page) in pages.iter().enumerate() {
-            let [at, first_child] = table[ordinal];
+            let [at, first_child, ..] = table[ordinal];
             assert_ne!(at, NOT_RESIDENT, "{} page {ordinal}", structure.name());
             assert_eq!(&words[at as usize..][..page.words.len()], page.words);
             assert_eq!(first_child, structure.page_record(ordinal as u32).unwrap().first_child.get());

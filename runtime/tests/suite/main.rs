@@ -8,6 +8,7 @@ mod engine;
 mod filter;
 mod later;
 mod parity;
+mod skip;
 mod support;
 // The naive tree of the reader's tests, and files made of it.
 #[allow(dead_code)]

@@ -22,7 +22,7 @@ pub fn fill(gpu: &mut GpuStreamer, dice: &mut Dice, all: bool) {
     let wanted: Vec<bool> = (0..pages).map(|_| all || dice.roll(3) != 0).collect();
     for _ in 0..60 {
         for (ordinal, _) in (0u32..).zip(&wanted).filter(|(_, w)| **w) {
-            gpu.streamer_mut().request(ordinal);
+            gpu.streamer_mut().request(ordinal, 1);
         }
         // One query at a place that is answered at once: its feedback adds no wish.
         gpu.answer(0, &[[0, 0, 255, 0]]).unwrap();
@@ -41,7 +41,7 @@ fn compare(gpu: &mut GpuStreamer, structure: &Structure, root: u32, queries: &[[
     if queries.len() > 100_000 {
         let Answered { words, table, .. } = &answered;
         let log2_resolution = structure.record().log2_resolution;
-        let pool = Pool { words, table, kind: structure.kind(), log2_resolution };
+        let pool = Pool { words, table, kind: structure.kind(), log2_resolution, skips: None };
         let start = Instant::now();
         let sum = queries.iter().map(|q| u64::from(pool.answer(root, *q)[0])).fold(0, u64::wrapping_add);
         eprintln!("device with reading back {device_time:.1?}, twin on one core {:.1?} (sum {sum})", start.elapsed());
@@ -210,7 +210,7 @@ fn garbage(bytes: &[u8], rounds: u32, every: u32, mut change: impl FnMut(&mut Di
             Some(kernels) => gpu.use_kernels(std::sync::Arc::clone(kernels)),
         }
         for _ in 0..5 {
-            (0..structure.page_count()).for_each(|o| gpu.streamer_mut().request(o));
+            (0..structure.page_count()).for_each(|o| gpu.streamer_mut().request(o, 1));
             gpu.answer(0, &[[0, 0, 255, 0]]).unwrap();
             while gpu.streamer().is_loading() {
                 gpu.streamer_mut().wait(std::time::Duration::from_millis(20));

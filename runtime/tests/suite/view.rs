@@ -19,7 +19,7 @@ fn receivers(map: &Map, dice: &mut Dice, count: usize) -> Vec<Receiver> {
         .map(|_| {
             let (x, y) = (dice.roll(side + side / 64), dice.roll(side + side / 64));
             let near = map.texel(x.min(side - 1), y.min(side - 1), 0).unwrap().value;
-            Receiver { x, y, depth: near.saturating_add(dice.roll(5)).saturating_sub(2) }
+            Receiver { x, y, depth: near.saturating_add(dice.roll(5)).saturating_sub(2), level: 0 }
         })
         .collect()
 }
@@ -32,7 +32,7 @@ fn right(map: &Map, r: &Receiver, p: &Pixel) {
     } else {
         let answer = map.texel(r.x, r.y, 0).unwrap();
         assert_eq!((p.lit, p.outside, p.ancestor), (r.depth <= answer.value, false, false), "{r:?}");
-        assert_eq!(p.level, answer.level);
+        assert!(p.settled || p.level == answer.level);
     }
 }
 
@@ -70,7 +70,8 @@ fn a_city_is_exact_with_room_and_without() {
         // Asked again with the pages there, one frame is enough.
         if view.stats.evicted == 0 {
             let again = gpu.answer_view(&receivers, &ViewOptions::default()).unwrap();
-            assert_eq!((again.stats.frames, again.stats.pages_read, again.pixels), (1, 0, view.pixels));
+            assert_eq!((again.stats.frames, again.stats.pages_read), (1, 0));
+            assert!(again.pixels.iter().zip(&view.pixels).all(|(a, b)| a.lit == b.lit && !a.ancestor));
         }
     }
 }
@@ -169,7 +170,8 @@ fn a_broken_page_is_answered_by_its_ancestor_and_named_once() {
     let whole = Map::new(structure).unwrap();
     let structure = opened(bytes);
     let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, 16 << 20).unwrap();
-    let receivers: Vec<_> = (0..256 * 256).map(|i| Receiver { x: i % 256, y: i / 256, depth: 1 << 30 }).collect();
+    let receivers: Vec<_> =
+        (0..256 * 256).map(|i| Receiver { x: i % 256, y: i / 256, depth: 1 << 30, level: 0 }).collect();
     let view = gpu.answer_view(&receivers, &ViewOptions::default()).unwrap();
     assert!(!view.stats.exact && view.stats.failed == 1);
     let (mut exact, mut ancestors) = (0, 0);
@@ -315,7 +317,7 @@ fn no_frame_waits_for_a_slow_disk() {
     let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, 16 << 20).unwrap();
     let mut times = Vec::new();
     for ordinal in 1..40 {
-        gpu.streamer_mut().request(ordinal);
+        gpu.streamer_mut().request(ordinal, 1);
         let start = Instant::now();
         gpu.begin();
         let mut encoder = headless.device.create_command_encoder(&Default::default());
@@ -354,7 +356,8 @@ fn a_source_that_panics_fails_pages_and_nothing_else() {
     let file = Container::open(Arc::new(Panics(MemorySource::new(bytes, "panics"))), Limits::default()).unwrap();
     let structure = file.structure(0).unwrap();
     let mut gpu = GpuStreamer::new(&headless.device, &headless.queue, &structure, 16 << 20).unwrap();
-    let receivers: Vec<_> = (0..256 * 256).map(|i| Receiver { x: i % 256, y: i / 256, depth: 1 << 30 }).collect();
+    let receivers: Vec<_> =
+        (0..256 * 256).map(|i| Receiver { x: i % 256, y: i / 256, depth: 1 << 30, level: 0 }).collect();
     let view = gpu.answer_view(&receivers, &ViewOptions::default()).unwrap();
     assert!(!view.stats.exact && view.stats.failed > 0 && view.pixels.iter().any(|p| !p.ancestor));
     assert!(gpu.streamer_mut().take_failures().iter().all(|f| f.error.to_string().contains("panicked")));

@@ -107,6 +107,10 @@ enum Suite {
     Check,
     /// Cold pages: bytes, and decoding against zstd
     Cold,
+    /// Pages that views don't read because the index says enough, and the error that this causes
+    Skip,
+    /// Recorded flights under a budget: bytes read against those that an oracle touches, frames until all is exact
+    Stream,
     /// One bake in a process of its own
     #[value(hide = true)]
     OneBake,
@@ -166,6 +170,8 @@ fn run(args: &Args) -> Result<(), Failure> {
         Suite::Stability => suite::stability::run(args)?,
         Suite::Check => suite::check::run(args)?,
         Suite::Cold => suite::cold::run(args)?,
+        Suite::Skip => suite::skip::run(args)?,
+        Suite::Stream => suite::stream::run(args)?,
         Suite::OneBake => return suite::bake::one(args),
         Suite::OneOpen => return suite::check::one(args),
     };

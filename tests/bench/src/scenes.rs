@@ -116,8 +116,12 @@ pub fn views(scene: &Scene<'_>, cameras: &[Camera], width: u32, height: u32) -> 
 
 /// Opens the only structure of a file.
 pub fn open(file: &Path) -> Result<Map, Failure> {
-    let container = Container::open(Arc::new(FileSource::open(file)?), Limits::default())?;
-    Ok(Map::new(container.structure(0)?)?)
+    Ok(Map::new(container(file)?.structure(0)?)?)
+}
+
+/// Opens a file.
+pub fn container(file: &Path) -> Result<Container, Failure> {
+    Ok(Container::open(Arc::new(FileSource::open(file)?), Limits::default())?)
 }
 
 /// A folder that goes away with its files.

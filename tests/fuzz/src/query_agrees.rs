@@ -50,7 +50,7 @@ fn compare(structure: &Structure) {
     };
     let (log2, side) = (structure.record().log2_resolution, structure.lattice().resolution());
     for _ in 0..4 {
-        (0..structure.page_count().min(PAGES)).for_each(|o| gpu.streamer_mut().request(o));
+        (0..structure.page_count().min(PAGES)).for_each(|o| gpu.streamer_mut().request(o, 1));
         gpu.answer(0, &[[0, 0, 255, 0]]).expect("a frame");
         while gpu.streamer().is_loading() {
             gpu.streamer_mut().wait(Duration::from_millis(5));

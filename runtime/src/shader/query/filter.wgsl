@@ -16,7 +16,7 @@ struct UmbShare {
     lit: u32,
     taps: u32,
     inside: bool,
-    // A page that a tap needed and did not get, or UMB_NO_PAGE: ancestors answered for a part of the taps.
+    // A page that a tap needed, did not get and could not do without, or UMB_NO_PAGE: ancestors answered for a part of the taps.
     missing: u32,
 }
 
@@ -92,12 +92,16 @@ fn umb_common_levels(a: vec2<u32>, b: vec2<u32>) -> u32 {
     return 32u - countLeadingZeros((a.x ^ b.x) | (a.y ^ b.y));
 }
 
-// Lit taps of a part that a walk has come to, and a page that was missing.
+// Lit taps of a part that a walk has come to, and a page that was missing and is needed.
 fn umb_part(
     together: UmbWalk, r: UmbReceiver, own: vec2<u32>, low: vec2<u32>, high: vec2<u32>, l: u32,
 ) -> vec2<u32> {
     var lit = 0u;
-    var missing = together.d.missing;
+    var missing = UMB_NO_PAGE;
+    // The page that is missing, what the index says of it, and whether it has been asked for.
+    var absent = UMB_NO_PAGE;
+    var bounds = UmbBounds();
+    var asked = false;
     // The entry that was decoded last, kind vector.
     var page = together.entry_page;
     var index = UMB_NO_PAGE;
@@ -122,16 +126,36 @@ fn umb_part(
                 }
                 value = umb_vector_value(page, sections, entry, x << l, y << l, l);
             }
-            missing = min(missing, w.d.missing);
             let tap = umb_wide_sum(row, umb_rise(r.gradient.x, i32(x) - i32(own.x), l));
-            let limit = vec2<u32>(value << UMB_GRADIENT_BITS, value >> (32u - UMB_GRADIENT_BITS));
-            if value == UMB_UNCOVERED || umb_wide_at_least(limit, tap) {
-                lit += 1u;
+            var is_lit = umb_tap_lit(value, tap);
+            if w.d.missing != UMB_NO_PAGE {
+                if w.d.missing != absent {
+                    absent = w.d.missing;
+                    bounds = umb_bounds(absent);
+                    asked = false;
+                }
+                let above = bounds.known && umb_tap_lit(bounds.lit, tap);
+                let below = bounds.known && !above && !umb_tap_lit(bounds.dark, tap);
+                is_lit = above || (is_lit && !below);
+                if !above && !below && !(bounds.known && bounds.suffices) {
+                    missing = min(missing, absent);
+                    if !asked {
+                        asked = true;
+                        umb_want(w.d, l);
+                    }
+                }
             }
+            lit += u32(is_lit);
         }
     }
     umb_end(together);
     return vec2<u32>(lit, missing);
+}
+
+// Whether `value` lights a tap at a depth in 1/16 step.
+fn umb_tap_lit(value: u32, tap: vec2<u32>) -> bool {
+    let limit = vec2<u32>(value << UMB_GRADIENT_BITS, value >> (32u - UMB_GRADIENT_BITS));
+    return value == UMB_UNCOVERED || umb_wide_at_least(limit, tap);
 }
 
 // The same between two levels, `lod` in 1/256 level: both are blended.

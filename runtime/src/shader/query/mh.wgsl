@@ -39,7 +39,6 @@ fn umb_go_mh(from_walk: UmbWalk, x: u32, y: u32, level: u32) -> UmbWalk {
                 if !next.resident {
                     w.d.missing = child;
                     w.ended = true;
-                    umb_request(child);
                     break;
                 }
                 w.page = next;

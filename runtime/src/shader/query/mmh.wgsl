@@ -36,7 +36,6 @@ fn umb_go_mmh(from_walk: UmbWalk, x: u32, y: u32, level: u32) -> UmbWalk {
                 if !next.resident {
                     w.d.missing = there;
                     w.ended = true;
-                    umb_request(there);
                     break;
                 }
                 w.page = next;

@@ -26,7 +26,7 @@ fn umb_page(ordinal: u32) -> UmbPage {
     if ordinal >= umb_view.pages {
         return UmbPage(false, 0u, 0u, 0u);
     }
-    let entry = umb_table[ordinal];
+    let entry = umb_table[ordinal].xy;
     if entry.x >= umb_view.pool_words {
         return UmbPage(false, 0u, 0u, 0u);
     }
@@ -46,23 +46,42 @@ fn umb_word(page: UmbPage, at: u32) -> u32 {
     return umb_pool[page.base + at];
 }
 
-// Puts a page into the list of the missed, once a frame.
-fn umb_request(ordinal: u32) {
+// Puts a page that a receiver missed into the table of the missed, `weight` being what the receiver loses on the screen.
+fn umb_request(ordinal: u32, weight: u32) {
     if ordinal >= umb_view.pages {
         return;
     }
-    let word = UMB_FEEDBACK_LIST + umb_view.used_words + ordinal / 32u;
-    let bit = 1u << (ordinal % 32u);
-    // Most invocations of a frame miss the same few pages: look before writing.
-    if (atomicLoad(&umb_feedback[word]) & bit) != 0u {
-        return;
+    let key = ordinal + 1u;
+    // Multiplicative hashing: the ordinals of children follow one another.
+    let first = (ordinal * 0x9E3779B1u) >> (32u - UMB_FEEDBACK_LOG2);
+    for (var probe = 0u; probe < UMB_FEEDBACK_PROBES; probe++) {
+        let at = UMB_FEEDBACK_HEAD + 2u * ((first + probe) % UMB_FEEDBACK_SLOTS);
+        // Most invocations of a frame miss the same few pages: look before writing.
+        var found = atomicLoad(&umb_feedback[at]);
+        // The exchange may fail for no reason; once more is enough but for a listing lost until the next frame.
+        for (var turn = 0u; turn < 2u && found == 0u; turn++) {
+            let exchange = atomicCompareExchangeWeak(&umb_feedback[at], 0u, key);
+            found = exchange.old_value;
+            if exchange.exchanged {
+                atomicAdd(&umb_feedback[0], 1u);
+                found = key;
+            }
+        }
+        if found == key {
+            if atomicLoad(&umb_feedback[at + 1u]) < UMB_MOST_WEIGHT {
+                atomicAdd(&umb_feedback[at + 1u], weight);
+            }
+            return;
+        }
     }
-    if (atomicOr(&umb_feedback[word], bit) & bit) != 0u {
-        return;
-    }
-    let at = atomicAdd(&umb_feedback[0], 1u);
-    if at < UMB_FEEDBACK_CAPACITY {
-        atomicStore(&umb_feedback[UMB_FEEDBACK_HEAD + at], ordinal);
+    atomicAdd(&umb_feedback[2], 1u);
+}
+
+// Asks for the page that a walk missed on its way to `level`. Each level that the answer is too coarse doubles how far it is
+// off on the screen.
+fn umb_want(d: UmbAnswer, level: u32) {
+    if d.missing != UMB_NO_PAGE {
+        umb_request(d.missing, 1u << min(d.level - min(d.level, level), UMB_MOST_GAP));
     }
 }
 
@@ -72,7 +91,7 @@ fn umb_use(base: u32) {
     if unit / 32u >= umb_view.used_words {
         return;
     }
-    let word = UMB_FEEDBACK_LIST + unit / 32u;
+    let word = UMB_FEEDBACK_USED + unit / 32u;
     let bit = 1u << (unit % 32u);
     if (atomicLoad(&umb_feedback[word]) & bit) == 0u {
         atomicOr(&umb_feedback[word], bit);
@@ -131,7 +150,6 @@ fn umb_start(root: u32, group: u32) -> UmbWalk {
     var d = umb_nothing(root);
     if !page.resident {
         d.missing = root;
-        umb_request(root);
     }
     let mask = (umb_word(page, UMB_FRAME_MASK_WORD) >> UMB_FRAME_MASK_SHIFT) & 0xFFu;
     return UmbWalk(d, page, page.base, root, mask, group, umb_top(), 0u, false, !page.resident, 0u, false, page, 0u);
@@ -142,6 +160,50 @@ fn umb_end(w: UmbWalk) {
     if w.page.resident {
         umb_use(w.own);
     }
+}
+
+// What the index says of a page that is missing: at most the depth `lit` all receivers are lit, beyond `dark` none is; and
+// whether what stands above the page is good enough between.
+struct UmbBounds {
+    lit: u32,
+    dark: u32,
+    suffices: bool,
+    known: bool,
+}
+
+fn umb_bounds(ordinal: u32) -> UmbBounds {
+    if umb_view.skips == 0u || ordinal >= umb_view.pages {
+        return UmbBounds(0u, 0u, false, false);
+    }
+    let entry = umb_table[ordinal];
+    let suffices = umb_view.error != 0u && entry.y <= umb_view.error;
+    return UmbBounds(entry.z, entry.w, suffices, entry.x == UMB_NOT_RESIDENT);
+}
+
+// Light or shadow for a receiver at lattice depth `depth`, rounded up, in texel (x, y) at `level`, in a structure of any
+// kind: a state as of umb_state. UMB_SETTLED: a page was missing and not needed.
+fn umb_shadow(root: u32, x: u32, y: u32, level: u32, depth: u32) -> u32 {
+    if umb_outside(x, y) {
+        return UMB_LIT | UMB_OUTSIDE | UMB_EXACT;
+    }
+    let d = umb_walk(root, x, y, level);
+    var state = umb_state(d, depth);
+    if d.missing == UMB_NO_PAGE {
+        return state;
+    }
+    let bounds = umb_bounds(d.missing);
+    let above = bounds.known && depth <= bounds.lit;
+    let below = bounds.known && depth > bounds.dark;
+    if !above && !below && !(bounds.known && bounds.suffices) {
+        umb_want(d, level);
+        return state;
+    }
+    if above {
+        state |= UMB_LIT;
+    } else if below {
+        state &= ~UMB_LIT;
+    }
+    return (state & ~UMB_ANCESTOR) | UMB_EXACT | UMB_SETTLED;
 }
 
 // Light or shadow for a receiver in the answer's texel at lattice depth `depth`, rounded up: UMB_LIT, UMB_ANCESTOR,

@@ -261,7 +261,6 @@ fn umb_go_vector(from_walk: UmbWalk, x: u32, y: u32, level: u32) -> UmbWalk {
             if !next.resident {
                 w.d.missing = below;
                 w.ended = true;
-                umb_request(below);
                 break;
             }
             w.page = next;

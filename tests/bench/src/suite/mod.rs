@@ -11,4 +11,6 @@ pub mod merge;
 pub mod query;
 pub mod report;
 pub mod size;
+pub mod skip;
 pub mod stability;
+pub mod stream;
