@@ -1,11 +1,15 @@
 //! Percentage-closer filtering in integers (Scandolo et al. 2016, section 3.3): how many texels around a receiver's are
-//! lit, at any level. CPU and GPU agree to the bit.
+//! lit, at any level. CPU and GPU agree to the bit. `spec/filter.md` is the definition; in short:
 //!
 //! - A kernel of side N at level L has N x N taps: the texels of L from `X - N / 2` to `X - N / 2 + N - 1`, alike in y, X being
 //!   the receiver's texel of L. With an even N it reaches one texel further towards smaller coordinates.
-//! - The tap at offset (i, j) is lit iff `D + (gx * i + gy * j) * 2^L / 16 <= v`: D is the receiver's depth, rounded up, (gx, gy)
-//!   its [gradient](Receiver::gradient), v what the texel stores. Nothing is rounded. Where v is
-//!   [`UNCOVERED`](umbrage_format::projection::UNCOVERED) the tap is lit, as is one outside the map.
+//! - A tap is lit iff `D + (gx * i + gy * j) / 16 <= v`: D is the receiver's depth, rounded up, (gx, gy) its
+//!   [gradient](Receiver::gradient), v what the texel stores, and (i, j) the way from the receiver's texel of level 0 to that
+//!   texel of level 0 under the tap where the receiver's plane is nearest to the light: a corner. On level 0 it is the tap
+//!   itself. Nothing is rounded. Where v is [`UNCOVERED`](umbrage_format::projection::UNCOVERED) the tap is lit, as is one
+//!   outside the map.
+//! - So a surface doesn't shadow itself on any level: what a coarse texel stores is right for one of its texels at least, which
+//!   may be any. The price is that a caster less far from the plane than it falls over the texel is lost.
 //! - All taps are lookups of texels; none asks between texel centres.
 //!
 //! Taps descend together: [`descend`] walks to their lowest common node (figure 5), splits their rectangle there, and goes
@@ -18,6 +22,8 @@
     clippy::indexing_slicing,
     clippy::cast_possible_truncation
 )]
+
+use umbrage_format::structure::MAX_LOG2_RESOLUTION;
 
 /// Most texels on a side of a kernel. Drivers may end a shader's loops early (Mesa's software driver after 65,535 turns of
 /// all of them); two levels of so many taps stay below on any tree.
@@ -147,7 +153,7 @@ pub struct Taps {
     pub inside: Rect,
     /// All of them.
     pub count: u32,
-    /// Depth at `inside`'s first corner, and its rise to the next column and row, in 1/16 step.
+    /// Depth of the tap in `inside`'s first corner, and its rise to the next column and row, in 1/16 step.
     depth: i64,
     rise: [i64; 2],
 }
@@ -156,7 +162,8 @@ impl Taps {
     /// Taps of side `side` (clamped to 1 to [`MAX_SIDE`]) on `level` (clamped to the map's) in a map of
     /// `1 << log2_resolution` texels; `None` where the receiver lies outside.
     pub fn new(r: &Receiver, side: u32, level: u8, log2_resolution: u8) -> Option<Self> {
-        let log2 = log2_resolution.min(31);
+        // Beyond what a file may have nothing is promised but an answer.
+        let log2 = log2_resolution.min(MAX_LOG2_RESOLUTION);
         if (r.x | r.y) >> log2 != 0 {
             return None;
         }
@@ -165,11 +172,14 @@ impl Taps {
         let [own_x, own_y] = [r.x >> level, r.y >> level];
         let range = |v: u32| [v.saturating_sub(side / 2), v.saturating_add(side - 1 - side / 2).min(last)];
         let inside = Rect { x: range(own_x), y: range(own_y) };
-        // Beyond the levels that a file may have nothing is promised but an answer.
-        let rise = r.gradient.map(|g| i64::from(g) << level.min(24));
-        let [i, j] = [i64::from(inside.x[0]) - i64::from(own_x), i64::from(inside.y[0]) - i64::from(own_y)];
-        let [along_x, along_y] = rise;
-        let depth = (i64::from(r.depth) << GRADIENT_BITS) + along_x * i + along_y * j;
+        let rise = r.gradient.map(|g| i64::from(g) << level);
+        // To the texel's first or last column or row, where the plane is nearest to the light.
+        let way = |first: u32, own: u32, gradient: i32| {
+            let corner = if gradient < 0 { (1i64 << level) - 1 } else { 0 };
+            i64::from(gradient) * ((i64::from(first) << level) + corner - i64::from(own))
+        };
+        let ([x, _], [y, _], [gx, gy]) = (inside.x, inside.y, r.gradient);
+        let depth = (i64::from(r.depth) << GRADIENT_BITS) + way(x, r.x, gx) + way(y, r.y, gy);
         Some(Self { level, inside, count: side * side, depth, rise })
     }
 

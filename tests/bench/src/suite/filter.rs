@@ -2,6 +2,9 @@
 //!
 //! Receivers are the pixels of recorded views, in pixel order and shuffled; depths, planes and footprints are made before
 //! any clock runs. Naive kernels, which look each tap up by itself, take turns with them and must give the same answers.
+//! `acne` holds what coarse levels answer against exact rays.
+
+mod acne;
 
 use std::hint::black_box;
 
@@ -32,6 +35,7 @@ type Asked = (Receiver, u32);
 /// Runs the suite.
 pub fn run(args: &Args) -> Result<Report, Failure> {
     let mut report = Report::new("filter");
+    acne::run(args, &mut report)?;
     let resolution = args.resolutions.first().copied().unwrap_or(16384);
     let folder = Folder::new()?;
     for name in scenes::names(&args.scenes, &["city:1"]) {
@@ -76,7 +80,11 @@ fn naive(map: &Resident, r: &Receiver, side: u32, level: u8) -> u32 {
                 continue;
             }
             let value = map.value((x as u32) << level, (y as u32) << level, level);
-            let rise = (i64::from(r.gradient[0]) * i + i64::from(r.gradient[1]) * j) << level;
+            let way = |v: i64, own: u32, gradient: i32| {
+                let corner = if gradient < 0 { (1 << level) - 1 } else { 0 };
+                i64::from(gradient) * ((v << level) + corner - i64::from(own))
+            };
+            let rise = way(x, r.x, r.gradient[0]) + way(y, r.y, r.gradient[1]);
             lit += u32::from(value == u32::MAX || i64::from(r.depth) * 16 + rise <= i64::from(value) * 16);
         }
     }
