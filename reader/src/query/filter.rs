@@ -120,6 +120,13 @@ impl Rect {
         32 - ((x ^ u) | (y ^ v)).leading_zeros()
     }
 
+    /// Whether all lie in one cell of `1 << shift` texels on a side.
+    #[inline]
+    pub(super) fn is_in_cell(&self, shift: u32) -> bool {
+        let ([x, u], [y, v]) = (self.x, self.y);
+        ((x ^ u) | (y ^ v)) >> (shift & 31) == 0
+    }
+
     /// Texels.
     #[inline]
     pub fn count(&self) -> u32 {
@@ -204,7 +211,7 @@ impl Taps {
 
     /// Least and most depth of the taps of a part, in 1/16 step: planes are extreme at corners.
     #[inline]
-    pub(super) fn depths(&self, part: &Rect) -> [i64; 2] {
+    fn depths(&self, part: &Rect) -> [i64; 2] {
         let ([x, u], [y, v]) = (part.x, part.y);
         let at = self.at(x, y);
         let [along_x, along_y] = self.rise;
@@ -225,26 +232,51 @@ impl Taps {
         self.lit_each(part, |_, _| value)
     }
 
+    /// Lit taps of a part where a plane's values at its corners, rows one behind the other, decide for all: a plane
+    /// that is rounded down to whole steps and nowhere clamped is off by less than a step between them.
+    #[inline]
+    pub(super) fn lit_by_corners(&self, part: &Rect, values: [u32; 4]) -> Option<u32> {
+        let ([x, u], [y, v]) = (part.x, part.y);
+        let [along_x, along_y] = self.rise;
+        let (at, across, down) = (self.at(x, y), along_x * i64::from(u - x), along_y * i64::from(v - y));
+        let [a, b, c, d] = values.map(|v| i64::from(v) << GRADIENT_BITS);
+        let above = [a - at, b - (at + across), c - (at + down), d - (at + across + down)];
+        let step = 1 << GRADIENT_BITS;
+        if above.iter().all(|v| *v >= step) {
+            return Some(part.count());
+        }
+        if above.iter().all(|v| *v <= -step) { Some(0) } else { None }
+    }
+
     /// Lit taps of a part, each held against its own value.
     #[inline]
     pub fn lit_each(&self, part: &Rect, value: impl Fn(u32, u32) -> u32) -> u32 {
         let ([x, u], [y, v]) = (part.x, part.y);
-        let [along_x, _] = self.rise;
-        let mut lit = 0;
-        for row in y..=v {
-            let mut depth = self.at(x, row);
-            for column in x..=u {
-                lit += u32::from(depth <= limit(value(column, row)));
-                depth += along_x;
-            }
-        }
-        lit
+        (y..=v).map(|row| self.lit_row(x, row, (x..=u).map(|column| value(column, row)))).sum()
+    }
+
+    /// Lit taps of a row from (x, y) on, each held against its own value.
+    #[inline]
+    pub(super) fn lit_row(&self, x: u32, y: u32, values: impl Iterator<Item = u32>) -> u32 {
+        let ([along_x, _], mut depth) = (self.rise, self.at(x, y));
+        let tap = |value| {
+            let lit = depth <= limit(value);
+            depth += along_x;
+            u32::from(lit)
+        };
+        values.map(tap).sum()
+    }
+
+    /// Whether a tap is lit.
+    #[inline]
+    pub(super) fn is_lit(&self, x: u32, y: u32, value: u32) -> bool {
+        self.at(x, y) <= limit(value)
     }
 }
 
 /// Most depth of a tap that `value` lights, in 1/16 step.
 #[inline]
-pub(super) fn limit(value: u32) -> i64 {
+fn limit(value: u32) -> i64 {
     if value == u32::MAX { i64::MAX } else { i64::from(value) << GRADIENT_BITS }
 }
 

@@ -1,7 +1,7 @@
 //! Lookups on the CPU.
 //!
 //! - [`Map`]: pages of one structure, loaded when a lookup needs them;
-//! - [`Resident`]: all pages in one array, for lookups that can't fail;
+//! - [`Resident`]: all pages in one array, for lookups that can't fail; `pyramid`: its coarsest levels;
 //! - [`mh`], [`mmh`], [`vector`]: the walk of each kind, a pure function over pages that are there or not;
 //! - [`filter`]: percentage-closer filtering over all of them;
 //! - here: from a point of the world to a texel and a depth, from a stored value to light or shadow.
@@ -22,6 +22,7 @@ pub(crate) mod follow;
 mod map;
 pub mod mh;
 pub mod mmh;
+mod pyramid;
 mod resident;
 pub mod vector;
 
