@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
             measure(name, kind, resolution, "shuffled", &resident, &asked, &mut report)?;
         }
     }
-    report.notes.push("ratio: of medians to one lookup on level 0; in brackets over single rounds".to_string());
+    report.notes.push("ratio: of medians to one lookup on level 0, behind it over single rounds; own level: to one on the footprint's level".to_string());
     Ok(report)
 }
 
@@ -148,16 +148,21 @@ fn measure(
             side(resolution),
             asked.len()
         ),
-        &["filter", "ns", "ratio", "min..max"],
+        &["filter", "ns", "ratio", "min..max", "own level"],
     );
     let base = &samples[0];
     for (method, s) in methods.iter().zip(&samples) {
         let (ns, ratio) = (s.each(asked.len()).median(), s.median() / base.median());
         let [least, most] = s.over(base).spread();
-        table.push([method.to_string(), format!("{ns:.2}"), format!("{ratio:.2}"), format!("{least:.2}..{most:.2}")]);
+        // What asks the footprint's level, also over one lookup there.
+        let coarse = matches!(*method, "hierarchical 3x3" | "trilinear 3x3").then(|| s.median() / samples[1].median());
+        let own = coarse.map_or(String::new(), |r| format!("{r:.2}"));
+        let spread = format!("{least:.2}..{most:.2}");
+        table.push([method.to_string(), format!("{ns:.2}"), format!("{ratio:.2}"), spread, own]);
         report.rows.push(json!({
             "scene": name, "kind": kind.name(), "resolution": resolution, "case": case, "filter": method,
             "receivers": asked.len(), "ns": ns, "ratio": ratio, "ratio_min": least, "ratio_max": most,
+            "ratio_own_level": coarse,
         }));
         if let Some((_, goal)) = GOALS.iter().find(|g| g.0 == *method) {
             let what = format!("{name} {}: {method} in {case} at most {goal} x one lookup", kind.name());
