@@ -1,6 +1,8 @@
 //! The independent reader `spec/reader.py` against the Rust reader: the same answers on every golden file and on a
 //! baked one, the same rule first on every broken one.
 
+mod filter;
+
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -22,14 +24,19 @@ use crate::tree::{Dice, Folder, ID, structure, write};
 
 /// Runs `spec/reader.py`; its exit code and what it printed.
 pub fn python(args: &[&str], input: &str) -> (Option<i32>, String, String) {
+    run("spec/reader.py", args, input)
+}
+
+/// Runs a program of `spec`.
+fn run(program: &str, args: &[&str], input: &str) -> (Option<i32>, String, String) {
     let mut child = Command::new("python3")
-        .arg(workspace("spec/reader.py"))
+        .arg(workspace(program))
         .args(args)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .unwrap_or_else(|e| panic!("python3 (3.11 or later) is needed to test spec/reader.py: {e}"));
+        .unwrap_or_else(|e| panic!("python3 (3.11 or later) is needed to test {program}: {e}"));
     let mut stdin = child.stdin.take().unwrap();
     let input = input.to_string();
     // A thread of its own: the answers may fill the pipe before all points are written.

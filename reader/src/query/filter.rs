@@ -1,11 +1,15 @@
 //! Percentage-closer filtering in integers (Scandolo et al. 2016, section 3.3): how many texels around a receiver's are
-//! lit, at any level. CPU and GPU agree to the bit.
+//! lit, at any level. CPU and GPU agree to the bit. `spec/filter.md` is the definition; in short:
 //!
 //! - A kernel of side N at level L has N x N taps: the texels of L from `X - N / 2` to `X - N / 2 + N - 1`, alike in y, X being
 //!   the receiver's texel of L. With an even N it reaches one texel further towards smaller coordinates.
-//! - The tap at offset (i, j) is lit iff `D + (gx * i + gy * j) * 2^L / 16 <= v`: D is the receiver's depth, rounded up, (gx, gy)
-//!   its [gradient](Receiver::gradient), v what the texel stores. Nothing is rounded. Where v is
-//!   [`UNCOVERED`](umbrage_format::projection::UNCOVERED) the tap is lit, as is one outside the map.
+//! - A tap is lit iff `D + (gx * i + gy * j) / 16 <= v`: D is the receiver's depth, rounded up, (gx, gy) its
+//!   [gradient](Receiver::gradient), v what the texel stores, and (i, j) the way from the receiver's texel of level 0 to that
+//!   texel of level 0 under the tap where the receiver's plane is nearest to the light: a corner. On level 0 it is the tap
+//!   itself. Nothing is rounded. Where v is [`UNCOVERED`](umbrage_format::projection::UNCOVERED) the tap is lit, as is one
+//!   outside the map.
+//! - So a surface doesn't shadow itself on any level: what a coarse texel stores is right for one of its texels at least, which
+//!   may be any. The price is that a caster less far from the plane than it falls over the texel is lost.
 //! - All taps are lookups of texels; none asks between texel centres.
 //!
 //! Taps descend together: [`descend`] walks to their lowest common node (figure 5), splits their rectangle there, and goes
@@ -18,6 +22,8 @@
     clippy::indexing_slicing,
     clippy::cast_possible_truncation
 )]
+
+use umbrage_format::structure::MAX_LOG2_RESOLUTION;
 
 use super::Bounds;
 
@@ -116,6 +122,13 @@ impl Rect {
         32 - ((x ^ u) | (y ^ v)).leading_zeros()
     }
 
+    /// Whether all lie in one cell of `1 << shift` texels on a side.
+    #[inline]
+    pub(super) fn is_in_cell(&self, shift: u32) -> bool {
+        let ([x, u], [y, v]) = (self.x, self.y);
+        ((x ^ u) | (y ^ v)) >> (shift & 31) == 0
+    }
+
     /// Texels.
     #[inline]
     pub fn count(&self) -> u32 {
@@ -149,7 +162,7 @@ pub struct Taps {
     pub inside: Rect,
     /// All of them.
     pub count: u32,
-    /// Depth at `inside`'s first corner, and its rise to the next column and row, in 1/16 step.
+    /// Depth of the tap in `inside`'s first corner, and its rise to the next column and row, in 1/16 step.
     depth: i64,
     rise: [i64; 2],
 }
@@ -158,7 +171,8 @@ impl Taps {
     /// Taps of side `side` (clamped to 1 to [`MAX_SIDE`]) on `level` (clamped to the map's) in a map of
     /// `1 << log2_resolution` texels; `None` where the receiver lies outside.
     pub fn new(r: &Receiver, side: u32, level: u8, log2_resolution: u8) -> Option<Self> {
-        let log2 = log2_resolution.min(31);
+        // Beyond what a file may have nothing is promised but an answer.
+        let log2 = log2_resolution.min(MAX_LOG2_RESOLUTION);
         if (r.x | r.y) >> log2 != 0 {
             return None;
         }
@@ -167,11 +181,14 @@ impl Taps {
         let [own_x, own_y] = [r.x >> level, r.y >> level];
         let range = |v: u32| [v.saturating_sub(side / 2), v.saturating_add(side - 1 - side / 2).min(last)];
         let inside = Rect { x: range(own_x), y: range(own_y) };
-        // Beyond the levels that a file may have nothing is promised but an answer.
-        let rise = r.gradient.map(|g| i64::from(g) << level.min(24));
-        let [i, j] = [i64::from(inside.x[0]) - i64::from(own_x), i64::from(inside.y[0]) - i64::from(own_y)];
-        let [along_x, along_y] = rise;
-        let depth = (i64::from(r.depth) << GRADIENT_BITS) + along_x * i + along_y * j;
+        let rise = r.gradient.map(|g| i64::from(g) << level);
+        // To the texel's first or last column or row, where the plane is nearest to the light.
+        let way = |first: u32, own: u32, gradient: i32| {
+            let corner = if gradient < 0 { (1i64 << level) - 1 } else { 0 };
+            i64::from(gradient) * ((i64::from(first) << level) + corner - i64::from(own))
+        };
+        let ([x, _], [y, _], [gx, gy]) = (inside.x, inside.y, r.gradient);
+        let depth = (i64::from(r.depth) << GRADIENT_BITS) + way(x, r.x, gx) + way(y, r.y, gy);
         Some(Self { level, inside, count: side * side, depth, rise })
     }
 
@@ -196,7 +213,7 @@ impl Taps {
 
     /// Least and most depth of the taps of a part, in 1/16 step: planes are extreme at corners.
     #[inline]
-    pub(super) fn depths(&self, part: &Rect) -> [i64; 2] {
+    fn depths(&self, part: &Rect) -> [i64; 2] {
         let ([x, u], [y, v]) = (part.x, part.y);
         let at = self.at(x, y);
         let [along_x, along_y] = self.rise;
@@ -217,24 +234,47 @@ impl Taps {
         self.lit_each(part, |_, _| value)
     }
 
+    /// Lit taps of a part where a plane's values at its corners, rows one behind the other, decide for all: a plane
+    /// that is rounded down to whole steps and nowhere clamped is off by less than a step between them.
+    #[inline]
+    pub(super) fn lit_by_corners(&self, part: &Rect, values: [u32; 4]) -> Option<u32> {
+        let ([x, u], [y, v]) = (part.x, part.y);
+        let [along_x, along_y] = self.rise;
+        let (at, across, down) = (self.at(x, y), along_x * i64::from(u - x), along_y * i64::from(v - y));
+        let [a, b, c, d] = values.map(|v| i64::from(v) << GRADIENT_BITS);
+        let above = [a - at, b - (at + across), c - (at + down), d - (at + across + down)];
+        let step = 1 << GRADIENT_BITS;
+        if above.iter().all(|v| *v >= step) {
+            return Some(part.count());
+        }
+        if above.iter().all(|v| *v <= -step) { Some(0) } else { None }
+    }
+
     /// Lit taps of a part, each held against its own value.
     #[inline]
     pub fn lit_each(&self, part: &Rect, value: impl Fn(u32, u32) -> u32) -> u32 {
         let ([x, u], [y, v]) = (part.x, part.y);
-        let [along_x, _] = self.rise;
-        let mut lit = 0;
-        for row in y..=v {
-            let mut depth = self.at(x, row);
-            for column in x..=u {
-                lit += u32::from(depth <= limit(value(column, row)));
-                depth += along_x;
-            }
-        }
-        lit
+        (y..=v).map(|row| self.lit_row(x, row, (x..=u).map(|column| value(column, row)))).sum()
     }
-}
 
-impl Taps {
+    /// Lit taps of a row from (x, y) on, each held against its own value.
+    #[inline]
+    pub(super) fn lit_row(&self, x: u32, y: u32, values: impl Iterator<Item = u32>) -> u32 {
+        let ([along_x, _], mut depth) = (self.rise, self.at(x, y));
+        let tap = |value| {
+            let lit = depth <= limit(value);
+            depth += along_x;
+            u32::from(lit)
+        };
+        values.map(tap).sum()
+    }
+
+    /// Whether a tap is lit.
+    #[inline]
+    pub(super) fn is_lit(&self, x: u32, y: u32, value: u32) -> bool {
+        self.at(x, y) <= limit(value)
+    }
+
     /// Taps of a part whose page is missing, by what its index record says, each held against the value that stands above
     /// the page: the lit ones, and whether all of them are [settled](Bounds::settle) for `error`.
     pub fn settle(&self, part: &Rect, bounds: &Bounds, error: u32, value: impl Fn(u32, u32) -> u32) -> (u32, bool) {
@@ -261,7 +301,7 @@ impl Taps {
 
 /// Most depth of a tap that `value` lights, in 1/16 step.
 #[inline]
-pub(super) fn limit(value: u32) -> i64 {
+fn limit(value: u32) -> i64 {
     if value == u32::MAX { i64::MAX } else { i64::from(value) << GRADIENT_BITS }
 }
 

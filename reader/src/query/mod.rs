@@ -1,7 +1,7 @@
 //! Lookups on the CPU.
 //!
 //! - [`Map`]: pages of one structure, loaded when a lookup needs them;
-//! - [`Resident`]: all pages in one array, for lookups that can't fail;
+//! - [`Resident`]: all pages in one array, for lookups that can't fail; `pyramid`: its coarsest levels;
 //! - [`mh`], [`mmh`], [`vector`]: the walk of each kind, a pure function over pages that are there or not;
 //! - [`Bounds`]: what the index says of a page that is not there;
 //! - [`filter`]: percentage-closer filtering over all of them;
@@ -24,6 +24,7 @@ pub(crate) mod follow;
 mod map;
 pub mod mh;
 pub mod mmh;
+mod pyramid;
 mod resident;
 pub mod vector;
 

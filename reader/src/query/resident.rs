@@ -13,6 +13,7 @@ use umbrage_format::projection::{Lattice, UNCOVERED};
 
 use super::filter::{Receiver, Share, Taps, levels_around};
 use super::follow::Follow;
+use super::pyramid::Pyramid;
 use super::{Map, Visibility, locate, mh, mmh, vector};
 use crate::ReaderError;
 
@@ -69,13 +70,14 @@ impl Resident {
             }
         }
         let log2_resolution = structure.record().log2_resolution.min(31);
+        map.allow_words(total + Pyramid::words_held(log2_resolution, total))?;
         let tree = match structure.kind() {
             Kind::Vector => {
-                map.allow_words(held)?;
+                map.allow_words(held + Pyramid::words_held(log2_resolution, held))?;
                 Tree::Vector(vector::resident::Tree::new(&words, &pages, log2_resolution))
             }
             Kind::Mmh => {
-                map.allow_words(total + dependencies.len() as u64)?;
+                map.allow_words(total + dependencies.len() as u64 + Pyramid::words_held(log2_resolution, total))?;
                 let page = |(p, dependencies): (&vector::resident::Page, u32)| mmh::resident::Page {
                     first: p.first,
                     first_child: p.first_child,

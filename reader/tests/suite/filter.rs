@@ -25,8 +25,13 @@ fn naive(r: &Receiver, side: u32, level: u8, log2: u8, value: &dyn Fn(u32, u32, 
                 lit += 1;
                 continue;
             }
+            // Of all texels of level 0 under the tap the plane is nearest to the light at a corner.
+            let last = (1i128 << level) - 1;
+            let corners = [(x, y), (x + last, y), (x, y + last), (x + last, y + last)];
+            let [gx, gy] = r.gradient.map(i128::from);
+            let rises = corners.map(|(x, y)| gx * (x - i128::from(r.x)) + gy * (y - i128::from(r.y)));
+            let rise = rises.into_iter().fold(i128::MAX, i128::min);
             // Rounded up and clamped, as any lookup's depth.
-            let rise = (i128::from(r.gradient[0]) * i + i128::from(r.gradient[1]) * j) << level;
             let depth = (i128::from(r.depth) + (rise + 15).div_euclid(16)).clamp(0, u32::MAX.into());
             lit += u32::from(depth <= i128::from(value(x as u32, y as u32, level)));
         }

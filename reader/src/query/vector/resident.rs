@@ -24,6 +24,7 @@ use umbrage_format::projection::UNCOVERED;
 
 use super::{centre, inside};
 use crate::query::filter::{Rect, Taps};
+use crate::query::pyramid::Pyramid;
 use entries::Entries;
 
 pub(in crate::query) use build::{Page, words_held};
@@ -43,6 +44,8 @@ pub(in crate::query) struct Tree {
     grid_level: u8,
     log2_resolution: u8,
     entries: Entries,
+    /// Values of the coarsest levels.
+    pyramid: Pyramid,
 }
 
 /// The nodes two levels below a node, or the leaves between, row by row: one line of cache.
@@ -95,10 +98,21 @@ impl Tree {
         self.holds.get(brick as usize).and_then(|h| h.get(square as usize)).copied().unwrap_or(0)
     }
 
+    /// Makes the pyramid.
+    fn build(&mut self) {
+        let held = self.bytes() as u64 / 4;
+        self.pyramid = Pyramid::new(self.log2_resolution, held, |x, y, level| self.evaluate(x, y, level));
+    }
+
     /// Stored depth at a texel of the map.
     #[inline]
     pub(in crate::query) fn value(&self, x: u32, y: u32, level: u8) -> u32 {
-        let level = level.min(self.log2_resolution);
+        if self.pyramid.holds(level) { self.pyramid.value(x, y, level) } else { self.evaluate(x, y, level) }
+    }
+
+    /// The same from the entry that answers.
+    #[inline]
+    fn evaluate(&self, x: u32, y: u32, level: u8) -> u32 {
         let found = self.find(x, y, level);
         self.entries.value(found, centre(x, level), centre(y, level))
     }
@@ -113,58 +127,76 @@ impl Tree {
 
     /// Lit taps of those in the map: their parts go on together from the grid's cells.
     pub(in crate::query) fn lit(&self, taps: &Taps) -> u32 {
+        if self.pyramid.holds(taps.level) {
+            return self.pyramid.lit(taps);
+        }
+        let part = taps.inside;
         if taps.level > self.grid_level {
             let place = |v: u32| centre(v << (taps.level & 31), taps.level);
-            return taps.lit_each(&taps.inside, |x, y| {
+            return taps.lit_each(&part, |x, y| {
                 let found = self.coarse(x << (taps.level & 31), y << (taps.level & 31), taps.level);
                 self.entries.value(found, place(x), place(y))
             });
         }
         let width = u32::from(self.log2_resolution - self.grid_level);
         let node = |column: u32, row: u32| self.grid.get((row << width | column) as usize).copied().unwrap_or(LEAF);
-        self.lit_in_cells(self.grid_level, taps.inside, taps, node)
+        let shift = u32::from(self.grid_level - taps.level);
+        if part.is_in_cell(shift) {
+            let ([x, _], [y, _]) = (part.x, part.y);
+            return self.lit_below(node(x >> shift, y >> shift), self.grid_level, part, taps);
+        }
+        self.lit_apart(self.grid_level, part, taps, node)
     }
 
-    /// Lit taps of a part, `node` being the nodes of level `at` by column and row.
+    /// Lit taps of a part in several cells, `node` being the nodes of level `at` by column and row.
     #[inline]
-    fn lit_in_cells(&self, at: u8, part: Rect, taps: &Taps, node: impl Fn(u32, u32) -> u32) -> u32 {
+    fn lit_apart(&self, at: u8, part: Rect, taps: &Taps, node: impl Fn(u32, u32) -> u32) -> u32 {
         let shift = u32::from(at - taps.level);
         let ([x, u], [y, v]) = (part.x.map(|x| x >> shift), part.y.map(|y| y >> shift));
-        let first = node(x, y);
         // A leaf above fills several cells.
-        if first == node(u, v) && first == node(u, y) && first == node(x, v) {
-            let one = first & LEAF != 0 || (x == u && y == v);
-            if one && (y..=v).all(|y| (x..=u).all(|x| node(x, y) == first)) {
-                return self.lit_below(first, at, part, taps);
-            }
+        let first = node(x, y);
+        if first & LEAF != 0 && (y..=v).all(|y| (x..=u).all(|x| node(x, y) == first)) {
+            return self.entries.lit(first & !LEAF, taps, &part);
         }
         let mut lit = 0;
-        part.cells(shift, |x, y, part| lit += self.lit_below(node(x, y), at, part, taps));
+        part.cells(shift, |x, y, part| {
+            let node = node(x, y);
+            lit += match node & LEAF {
+                0 => self.lit_below(node, at, part, taps),
+                _ => self.entries.lit(node & !LEAF, taps, &part),
+            };
+        });
         lit
     }
 
-    /// Lit taps of a part that lies in the square of a node of level `at`, or that a leaf answers.
-    fn lit_below(&self, node: u32, at: u8, part: Rect, taps: &Taps) -> u32 {
-        if node & LEAF != 0 {
-            return self.entries.lit(node & !LEAF, taps, &part);
-        }
+    /// Lit taps of a part that lies in the square of a node of level `at`: together to their lowest common node (figure 5),
+    /// then apart.
+    fn lit_below(&self, mut node: u32, mut at: u8, part: Rect, taps: &Taps) -> u32 {
         let level = taps.level;
-        if at < level + 2 {
-            let place = |v: u32| centre(v << (level & 31), level);
-            return taps.lit_each(&part, |x, y| {
-                let found = self.between(node, at, x << (level & 31), y << (level & 31), level);
-                self.entries.value(found, place(x), place(y))
-            });
+        let ([x, _], [y, _]) = (part.x, part.y);
+        while node & LEAF == 0 {
+            if at < level + 2 {
+                let place = |v: u32| centre(v << (level & 31), level);
+                return taps.lit_each(&part, |x, y| {
+                    let found = self.between(node, at, x << (level & 31), y << (level & 31), level);
+                    self.entries.value(found, place(x), place(y))
+                });
+            }
+            let Some(Brick(nodes)) = self.bricks.get(node as usize) else { return taps.lit(&part, UNCOVERED) };
+            let cell = |x: u32, y: u32| nodes.get(((y & 3) << 2 | (x & 3)) as usize).copied().unwrap_or(LEAF);
+            at -= 2;
+            let shift = u32::from(at - level);
+            if !part.is_in_cell(shift) {
+                return self.lit_apart(at, part, taps, cell);
+            }
+            node = cell(x >> shift, y >> shift);
         }
-        let Some(Brick(nodes)) = self.bricks.get(node as usize) else { return taps.lit(&part, UNCOVERED) };
-        let cell = |x: u32, y: u32| nodes.get(((y & 3) << 2 | (x & 3)) as usize).copied().unwrap_or(LEAF);
-        // Levels fall by two each time.
-        self.lit_in_cells(at - 2, part, taps, cell)
+        self.entries.lit(node & !LEAF, taps, &part)
     }
 
     /// Bytes held.
     pub(in crate::query) fn bytes(&self) -> usize {
         let words = 21 * self.bricks.len() + self.grid.len() + self.above.len();
-        words * 4 + self.entries.bytes()
+        words * 4 + self.entries.bytes() + self.pyramid.bytes()
     }
 }

@@ -37,9 +37,11 @@ fn umb_go(from_walk: UmbWalk, x: u32, y: u32, level: u32) -> UmbWalk {
     return w;
 }
 
-// steps * 2^level * gradient.
-fn umb_rise(gradient: i32, steps: i32, level: u32) -> vec2<u32> {
-    let way = umb_wide_signed_product(gradient, u32(abs(steps)) << level);
+// Rise of the plane from texel `own` of level 0 to that one under texel v of `level` where it is nearest to the light.
+fn umb_rise(gradient: i32, v: u32, own: u32, level: u32) -> vec2<u32> {
+    let corner = (v << level) + select(0u, (1u << level) - 1u, gradient < 0);
+    let steps = i32(corner) - i32(own);
+    let way = umb_wide_signed_product(gradient, u32(abs(steps)));
     if steps < 0 {
         return umb_wide_negative(way);
     }
@@ -79,7 +81,7 @@ fn umb_pcf(root: u32, r: UmbReceiver, side: u32, level: u32) -> UmbShare {
             let w = umb_go(
                 together, from_texel.x << l, from_texel.y << l, l + umb_common_levels(from_texel, to_texel),
             );
-            let found = umb_part(w, r, own, from_texel, to_texel, l);
+            let found = umb_part(w, r, from_texel, to_texel, l);
             share.lit += found.x;
             share.missing = min(share.missing, found.y);
         }
@@ -94,7 +96,7 @@ fn umb_common_levels(a: vec2<u32>, b: vec2<u32>) -> u32 {
 
 // Lit taps of a part that a walk has come to, and a page that was missing and is needed.
 fn umb_part(
-    together: UmbWalk, r: UmbReceiver, own: vec2<u32>, low: vec2<u32>, high: vec2<u32>, l: u32,
+    together: UmbWalk, r: UmbReceiver, low: vec2<u32>, high: vec2<u32>, l: u32,
 ) -> vec2<u32> {
     var lit = 0u;
     var missing = UMB_NO_PAGE;
@@ -109,7 +111,7 @@ fn umb_part(
     var entry = 0u;
     let depth = vec2<u32>(r.depth << UMB_GRADIENT_BITS, r.depth >> (32u - UMB_GRADIENT_BITS));
     for (var y = low.y; y <= high.y; y++) {
-        let row = umb_wide_sum(depth, umb_rise(r.gradient.y, i32(y) - i32(own.y), l));
+        let row = umb_wide_sum(depth, umb_rise(r.gradient.y, y, r.y, l));
         for (var x = low.x; x <= high.x; x++) {
             var w = together;
             if !w.ended {
@@ -126,7 +128,7 @@ fn umb_part(
                 }
                 value = umb_vector_value(page, sections, entry, x << l, y << l, l);
             }
-            let tap = umb_wide_sum(row, umb_rise(r.gradient.x, i32(x) - i32(own.x), l));
+            let tap = umb_wide_sum(row, umb_rise(r.gradient.x, x, r.x, l));
             var is_lit = umb_tap_lit(value, tap);
             if w.d.missing != UMB_NO_PAGE {
                 if w.d.missing != absent {

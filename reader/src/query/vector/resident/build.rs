@@ -14,6 +14,7 @@ use umbrage_format::projection::UNCOVERED;
 
 use super::entries::{Entries, Palette, bytes_held, count};
 use super::{Brick, GRID_LEVELS, LEAF, PROVEN, Tree};
+use crate::query::pyramid::Pyramid;
 
 /// A page in the array of all.
 #[derive(Clone, Copy, Debug, Default)]
@@ -105,7 +106,9 @@ impl Tree {
                 }
             }
         }
-        groups.finish(log2_resolution)
+        let mut tree = groups.finish(log2_resolution);
+        tree.build();
+        tree
     }
 }
 
@@ -207,6 +210,7 @@ impl Groups {
             grid_level: log2_resolution - levels,
             log2_resolution,
             entries: self.entries,
+            pyramid: Pyramid::default(),
         }
     }
 }

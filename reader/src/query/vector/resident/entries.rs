@@ -17,7 +17,7 @@ use umbrage_format::kind::vector::{Header, Layout, Line, Plane, eval};
 use umbrage_format::projection::UNCOVERED;
 
 use super::centre;
-use crate::query::filter::{Rect, Taps, limit};
+use crate::query::filter::{Rect, Taps};
 
 /// Bit of a reference: it is to a line, whose sides are the two slots behind it. The bits below are the slot's number.
 pub(super) const SPLIT: u32 = 1 << 29;
@@ -275,36 +275,52 @@ impl Entries {
     /// Lit taps of a part that one entry answers. Lines and planes are extreme at corners: often these decide for all.
     pub(super) fn lit(&self, reference: u32, taps: &Taps, part: &Rect) -> u32 {
         let place = |v: u32| centre(v << (taps.level & 31), taps.level);
-        let each = |reference| taps.lit_each(part, |x, y| self.value(reference, place(x), place(y)));
+        let ([x, u], [y, v]) = (part.x, part.y);
+        let across = (u - x + 1) as usize;
+        if x == u && y == v {
+            return u32::from(taps.is_lit(x, y, self.value(reference, place(x), place(y))));
+        }
         let at = reference & (SPLIT - 1);
         let Some(Four(slots)) = self.slots.get((at >> 2) as usize) else { return taps.lit(part, UNCOVERED) };
         let slot = |n: u32| slots.get((n & 3) as usize).unwrap_or(&FREE);
-        let ([x, u], [y, v]) = (part.x.map(place), part.y.map(place));
-        let corners = [(x, y), (u, y), (x, v), (u, v)];
+        let centres = Centres { first: [place(x), place(y)], step: 256 << (taps.level & 31), more: [u - x, v - y] };
         let mut found = slot(at);
         if reference & SPLIT != 0 {
-            let beyond = corners.map(|(x, y)| found.at(x, y) < 0);
-            if beyond.iter().any(|b| *b != (found.at(x, y) < 0)) {
-                return each(reference);
+            let line = found.line(&centres);
+            let [a, b, c, d] = line.corners(&centres).map(|v| v < 0);
+            let [near, far] = [slot(at + 1), slot(at + 2)];
+            if a != b || a != c || a != d {
+                if !near.is_plane() || !far.is_plane() {
+                    return taps.lit_each(part, |x, y| self.value(reference, place(x), place(y)));
+                }
+                let [near_sums, far_sums] = [near, far].map(|s| s.sums(&centres));
+                let row = |y: u32| {
+                    let [lines, nears, fars] = [line, near_sums, far_sums].map(|s| s.row(y - part.y[0]));
+                    let depth = |(l, (n, f))| if l < 0 { far.depth(f) } else { near.depth(n) };
+                    taps.lit_row(x, y, lines.zip(nears.zip(fars)).take(across).map(depth))
+                };
+                return (y..=v).map(row).sum();
             }
-            found = slot(at + 1 + u32::from(found.at(x, y) < 0));
+            found = if a { far } else { near };
         }
         match found.b & ((1 << LOW) - 1) {
-            CONSTANT => taps.lit(part, found.plane(x, y)),
+            CONSTANT => taps.lit(part, found.depth(found.c)),
             PLANE => {
-                let values = corners.map(|(x, y)| found.plane(x, y));
-                let [lowest, highest] = values.iter().fold([u32::MAX, 0], |[l, h], v| [l.min(*v), h.max(*v)]);
-                let [least, most] = taps.depths(part);
-                if most <= limit(lowest) {
-                    return part.count();
+                let sums = found.sums(&centres);
+                let values = sums.corners(&centres).map(|v| found.depth(v));
+                if values.iter().all(|v| (1..PLANE_MAX).contains(&i64::from(*v)))
+                    && let Some(lit) = taps.lit_by_corners(part, values)
+                {
+                    return lit;
                 }
-                if least > limit(highest) {
-                    return 0;
-                }
-                taps.lit_each(part, |x, y| found.plane(place(x), place(y)))
+                let row = |y: u32| {
+                    let depths = sums.row(y - part.y[0]).take(across).map(|v| found.depth(v));
+                    taps.lit_row(x, y, depths)
+                };
+                (y..=v).map(row).sum()
             }
             NEXT => self.lit(found.number(), taps, part),
-            _ => each(reference),
+            _ => taps.lit_each(part, |x, y| self.value(reference, place(x), place(y))),
         }
     }
 
@@ -341,6 +357,52 @@ impl Entries {
     }
 }
 
+/// Places of the centres of a part's texels.
+#[derive(Clone, Copy)]
+struct Centres {
+    first: [i64; 2],
+    /// From one to the next.
+    step: i64,
+    /// How many there are in a row and in a column behind the first.
+    more: [u32; 2],
+}
+
+/// A function over centres. May wrap on the way, and not in the end: [`Palette::fits`].
+#[derive(Clone, Copy)]
+struct Sums {
+    first: i64,
+    across: i64,
+    down: i64,
+}
+
+impl Sums {
+    fn new(a: i32, b: i32, c: i64, centres: &Centres) -> Self {
+        let [x, y] = centres.first;
+        let [across, down] = [a, b].map(|v| i64::from(v).wrapping_mul(centres.step));
+        Self { first: Slot::sum(a, b, c, x, y), across, down }
+    }
+
+    /// At the corners.
+    #[inline]
+    fn corners(&self, centres: &Centres) -> [i64; 4] {
+        let [across, down] = centres.more.map(i64::from);
+        let (across, down) = (self.across.wrapping_mul(across), self.down.wrapping_mul(down));
+        let below = self.first.wrapping_add(down);
+        [self.first, self.first.wrapping_add(across), below, below.wrapping_add(across)]
+    }
+
+    /// Along a row, and on.
+    #[inline]
+    fn row(self, number: u32) -> impl Iterator<Item = i64> {
+        let mut next = self.first.wrapping_add(self.down.wrapping_mul(number.into()));
+        std::iter::repeat_with(move || {
+            let sum = next;
+            next = next.wrapping_add(self.across);
+            sum
+        })
+    }
+}
+
 impl Slot {
     /// The function of a line.
     #[inline]
@@ -356,10 +418,33 @@ impl Slot {
 
     #[inline]
     fn plane(&self, x: i64, y: i64) -> u32 {
-        let v = Self::sum(self.a >> LOW, self.b >> LOW, self.c, x, y) >> (self.a & 63);
+        self.depth(Self::sum(self.a >> LOW, self.b >> LOW, self.c, x, y))
+    }
+
+    /// What a plane's sum says.
+    #[inline]
+    fn depth(&self, sum: i64) -> u32 {
         // Clamped to 32 bits.
-        let [a, b, c, d, ..] = v.clamp(0, PLANE_MAX + i64::from(self.b & 1)).to_le_bytes();
+        let [a, b, c, d, ..] = (sum >> (self.a & 63)).clamp(0, PLANE_MAX + i64::from(self.b & 1)).to_le_bytes();
         u32::from_le_bytes([a, b, c, d])
+    }
+
+    /// A line over centres.
+    #[inline]
+    fn line(&self, centres: &Centres) -> Sums {
+        Sums::new(self.a, self.b, self.c, centres)
+    }
+
+    /// A plane or constant over centres, as sums.
+    #[inline]
+    fn sums(&self, centres: &Centres) -> Sums {
+        Sums::new(self.a >> LOW, self.b >> LOW, self.c, centres)
+    }
+
+    /// Whether it is a plane or constant.
+    #[inline]
+    fn is_plane(&self) -> bool {
+        matches!(self.b & ((1 << LOW) - 1), PLANE | CONSTANT)
     }
 
     /// The reference or number in `c`.
