@@ -320,6 +320,7 @@ impl Residency {
     /// for each unit of the pool that holds a page in which a walk ended. `overflow`: more were missed than are listed.
     pub fn feedback(&mut self, missed: impl IntoIterator<Item = (u32, u32)>, used: &[u32], overflow: bool) {
         self.round += 1;
+        self.residents.begin(self.round);
         for (i, &bits) in (0u32..).zip(used) {
             let mut bits = bits;
             while bits != 0 {
@@ -373,7 +374,7 @@ impl Residency {
                 None if self.loading == 0 && self.ready.is_empty() => self.slots.has_any_room(),
                 None => self.slots.has_room(0),
             };
-            let hopeless = !room && self.residents.victim(depth, self.round, want.needed).is_none();
+            let hopeless = !room && self.residents.victim(depth, want.needed).is_none();
             if hopeless {
                 // Reading what can't be kept would only wear the disk.
                 want.state = State::Parked(self.frames + PARKED);
@@ -527,7 +528,7 @@ impl Residency {
                 }
                 continue;
             }
-            let Some(victim) = self.residents.victim(depth, self.round, needed) else { break Room::None };
+            let Some(victim) = self.residents.victim(depth, needed) else { break Room::None };
             if let Some(page) = self.residents.remove(victim) {
                 self.slots.free(page.at);
                 gone.push((victim, page));

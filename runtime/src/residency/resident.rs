@@ -1,9 +1,21 @@
 //! The pages that live in the pool, who needs whom, and who goes first.
+//!
+//! Pages that may go stand in two lists each, linked through the pages themselves: by last use and by depth. So a frame
+//! in which pages are only used moves links and allocates nothing.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use umbrage_reader::query::Bounds;
+
+use super::GRACE;
+
+/// No place.
+const NIL: u32 = u32::MAX;
+/// Lists for the rounds in which a page can have been used last that are not past: this one, and those of its grace.
+const RECENT: usize = GRACE as usize + 1;
+/// Lists by depth: more pages do not stand above one another.
+const DEPTHS: usize = 32;
 
 /// A page in the pool.
 #[derive(Debug, Clone)]
@@ -36,30 +48,73 @@ impl Resident {
     }
 }
 
+/// Both ends of a list.
+#[derive(Debug, Clone, Copy)]
+struct List {
+    head: u32,
+    tail: u32,
+}
+
+const EMPTY: List = List { head: NIL, tail: NIL };
+
+#[derive(Debug)]
+struct Cell {
+    ordinal: u32,
+    page: Resident,
+    /// Before and behind it, by last use and by depth.
+    links: [[u32; 2]; 2],
+}
+
+/// By last use, by depth.
+const USE: usize = 0;
+const DEPTH: usize = 1;
+
 /// All of them, with the orders in which they go.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Residents {
-    pages: HashMap<u32, Resident>,
+    cells: Vec<Option<Cell>>,
+    free: Vec<u32>,
+    places: HashMap<u32, u32>,
     /// First child to (end of children, parent).
     children: BTreeMap<u32, (u32, u32)>,
-    /// Those that nobody needs, by last use.
-    by_stamp: BTreeSet<(u64, u32)>,
-    /// The same, by depth.
-    by_depth: BTreeSet<(u32, u32)>,
+    /// Last used before this round, those that were used least lately first.
+    past: List,
+    /// Last used in round r, at r modulo their number.
+    recent: [List; RECENT],
+    by_depth: [List; DEPTHS],
+    round: u64,
+    /// Pages whose needs are still to be touched.
+    open: Vec<u32>,
+}
+
+impl Default for Residents {
+    fn default() -> Self {
+        Self {
+            cells: Vec::new(),
+            free: Vec::new(),
+            places: HashMap::new(),
+            children: BTreeMap::new(),
+            past: EMPTY,
+            recent: [EMPTY; RECENT],
+            by_depth: [EMPTY; DEPTHS],
+            round: 0,
+            open: Vec::new(),
+        }
+    }
 }
 
 impl Residents {
     pub fn get(&self, ordinal: u32) -> Option<&Resident> {
-        self.pages.get(&ordinal)
+        self.cell(*self.places.get(&ordinal)?).map(|c| &c.page)
     }
 
     pub fn len(&self) -> usize {
-        self.pages.len()
+        self.places.len()
     }
 
     #[cfg(test)]
     pub fn iter(&self) -> impl Iterator<Item = (u32, &Resident)> {
-        self.pages.iter().map(|(&o, r)| (o, r))
+        self.cells.iter().flatten().map(|c| (c.ordinal, &c.page))
     }
 
     /// The resident page of which `ordinal` is a child.
@@ -74,37 +129,141 @@ impl Residents {
         parent.children.get(ordinal.checked_sub(parent.first_child)? as usize).copied()
     }
 
+    /// A new round begins: what was used in the one before is past.
+    pub fn begin(&mut self, round: u64) {
+        while self.round < round {
+            let done = std::mem::replace(&mut self.recent[self.round as usize % RECENT], EMPTY);
+            self.round += 1;
+            if done.head == NIL {
+                continue;
+            }
+            // Behind all that were used earlier.
+            match self.past.tail {
+                NIL => self.past.head = done.head,
+                tail => self.link(USE, tail, done.head),
+            }
+            self.past.tail = done.tail;
+        }
+    }
+
+    fn cell(&self, place: u32) -> Option<&Cell> {
+        self.cells.get(place as usize)?.as_ref()
+    }
+
+    fn links(&mut self, place: u32) -> Option<&mut [[u32; 2]; 2]> {
+        self.cells.get_mut(place as usize)?.as_mut().map(|c| &mut c.links)
+    }
+
+    /// Makes two places neighbours in an order; either may be none.
+    fn link(&mut self, order: usize, before: u32, behind: u32) {
+        if let Some(links) = self.links(before) {
+            links[order][1] = behind;
+        }
+        if let Some(links) = self.links(behind) {
+            links[order][0] = before;
+        }
+    }
+
+    fn list(&mut self, order: usize, page: (u64, u32)) -> &mut List {
+        let (stamp, depth) = page;
+        match order {
+            DEPTH => &mut self.by_depth[(depth as usize).min(DEPTHS - 1)],
+            _ if stamp < self.round => &mut self.past,
+            _ => &mut self.recent[stamp as usize % RECENT],
+        }
+    }
+
+    /// Takes a page out of both orders.
+    fn leave(&mut self, place: u32) {
+        let Some(cell) = self.cell(place) else { return };
+        let (page, links) = ((cell.page.stamp, cell.page.depth), cell.links);
+        for (order, [before, behind]) in links.into_iter().enumerate() {
+            self.link(order, before, behind);
+            let list = self.list(order, page);
+            if list.head == place {
+                list.head = behind;
+            }
+            if list.tail == place {
+                list.tail = before;
+            }
+        }
+    }
+
+    /// Puts a page into both orders.
+    fn join(&mut self, place: u32) {
+        let Some(cell) = self.cell(place) else { return };
+        let page = (cell.page.stamp, cell.page.depth);
+        // Behind all that were used no later: of the past, where needs become free long after their last use, from the front.
+        let mut behind = NIL;
+        if page.0 < self.round {
+            behind = self.past.head;
+            while let Some(cell) = self.cell(behind).filter(|c| c.page.stamp <= page.0) {
+                behind = cell.links[USE][1];
+            }
+        }
+        for (order, behind) in [(USE, behind), (DEPTH, NIL)] {
+            let tail = self.list(order, page).tail;
+            let before = self.cell(behind).map_or(tail, |c| c.links[order][0]);
+            if let Some(links) = self.links(place) {
+                links[order] = [before, behind];
+            }
+            self.link(order, before, place);
+            self.link(order, place, behind);
+            let list = self.list(order, page);
+            if before == NIL {
+                list.head = place;
+            }
+            if behind == NIL {
+                list.tail = place;
+            }
+        }
+    }
+
     /// Applies a change to a page and keeps the orders right.
     fn change<T>(&mut self, ordinal: u32, f: impl FnOnce(&mut Resident) -> T) -> Option<T> {
-        let page = self.pages.get_mut(&ordinal)?;
-        if page.may_go() {
-            self.by_stamp.remove(&(page.stamp, ordinal));
-            self.by_depth.remove(&(page.depth, ordinal));
+        let place = *self.places.get(&ordinal)?;
+        if self.cell(place)?.page.may_go() {
+            self.leave(place);
         }
-        let out = f(page);
-        if page.may_go() {
-            self.by_stamp.insert((page.stamp, ordinal));
-            self.by_depth.insert((page.depth, ordinal));
+        let out = f(&mut self.cells.get_mut(place as usize)?.as_mut()?.page);
+        if self.cell(place)?.page.may_go() {
+            self.join(place);
         }
         Some(out)
     }
 
     pub fn insert(&mut self, ordinal: u32, page: Resident) {
-        for &need in &page.needs {
-            self.change(need, |p| p.dependents += 1);
+        for i in 0..page.needs.len() {
+            self.change(page.needs[i], |p| p.dependents += 1);
         }
         if page.child_count != 0 {
             let end = page.first_child.saturating_add(page.child_count.into());
             self.children.insert(page.first_child, (end, ordinal));
         }
-        self.pages.insert(ordinal, page);
-        self.change(ordinal, |_| ());
+        let cell = Some(Cell { ordinal, page, links: [[NIL; 2]; 2] });
+        let place = match self.free.pop() {
+            Some(place) => {
+                self.cells[place as usize] = cell;
+                place
+            }
+            None => {
+                self.cells.push(cell);
+                self.cells.len() as u32 - 1
+            }
+        };
+        self.places.insert(ordinal, place);
+        if self.cell(place).is_some_and(|c| c.page.may_go()) {
+            self.join(place);
+        }
     }
 
     pub fn remove(&mut self, ordinal: u32) -> Option<Resident> {
-        // Out of the orders first, then out of the table.
-        let pinned = self.change(ordinal, |p| std::mem::replace(&mut p.pinned, true))?;
-        let page = Resident { pinned, ..self.pages.remove(&ordinal)? };
+        let place = self.places.remove(&ordinal)?;
+        if self.cell(place)?.page.may_go() {
+            self.leave(place);
+        }
+        let page = self.cells.get_mut(place as usize)?.take()?.page;
+        self.free.push(place);
         if page.child_count != 0 {
             self.children.remove(&page.first_child);
         }
@@ -114,43 +273,45 @@ impl Residents {
         Some(page)
     }
 
-    /// Notes a use of a page and of all that it needs.
+    /// Notes a use of a page and of all that it needs; the round is one that has [begun](Self::begin).
     pub fn touch(&mut self, ordinal: u32, round: u64) {
-        let mut open = vec![ordinal];
+        let mut open = std::mem::take(&mut self.open);
+        open.push(ordinal);
         while let Some(next) = open.pop() {
-            let fresh = self.change(next, |p| {
-                let fresh = p.stamp < round;
-                p.stamp = p.stamp.max(round);
-                fresh
-            });
             // A page in its grace was admitted beside pages that were in use.
-            if fresh == Some(true)
-                && let Some(page) = self.pages.get(&next)
-            {
-                open.extend(&page.needs);
+            let fresh = self.get(next).is_some_and(|p| p.stamp < round);
+            if fresh {
+                self.change(next, |p| p.stamp = round);
+                open.extend(self.get(next).map(|p| &p.needs[..]).unwrap_or_default());
             }
         }
+        self.open = open;
     }
 
     /// New place of a page; gives its words.
     pub fn relocate(&mut self, ordinal: u32, to: u32) -> u32 {
-        self.pages.get_mut(&ordinal).map_or(0, |p| {
-            p.at = to;
-            p.words
+        let page = self.places.get(&ordinal).and_then(|&p| self.cells.get_mut(p as usize)?.as_mut());
+        page.map_or(0, |c| {
+            c.page.at = to;
+            c.page.words
         })
     }
 
     /// Who goes for a page of `depth`: the least recently used if it was not used in this round, else, for a page that
     /// somebody needs now, one that is deeper than the newcomer and past its grace.
-    pub fn victim(&self, depth: u32, round: u64, needed: bool) -> Option<u32> {
-        let &(stamp, oldest) = self.by_stamp.first()?;
-        if stamp < round {
-            return Some(oldest);
+    pub fn victim(&self, depth: u32, needed: bool) -> Option<u32> {
+        if let Some(oldest) = self.cell(self.past.head) {
+            return Some(oldest.ordinal);
         }
         if !needed {
             return None;
         }
-        let &(deepest, ordinal) = self.by_depth.last()?;
-        (deepest > depth && self.pages.get(&ordinal).is_some_and(|p| p.stamp <= round)).then_some(ordinal)
+        let deeper = self.by_depth.iter().skip(depth as usize + 1).rev();
+        deeper.flat_map(|list| self.along(list.tail)).find(|c| c.page.stamp <= self.round).map(|c| c.ordinal)
+    }
+
+    /// The pages of a list by depth, from one on towards its head.
+    fn along(&self, place: u32) -> impl Iterator<Item = &Cell> {
+        std::iter::successors(self.cell(place), |c| self.cell(c.links[DEPTH][0]))
     }
 }
