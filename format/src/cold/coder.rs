@@ -11,13 +11,13 @@
 //! is left, all zero.
 
 use super::Model;
-use super::model::{PROBABILITY_BITS, SLOTS, Slot};
+use super::model::{PROBABILITY_BITS, Table};
 
 /// States are at least this.
 pub const LEAST_STATE: u32 = 1 << 16;
 
 /// Of a table that is not there.
-static NO_SLOTS: [Slot; SLOTS] = [Slot::NONE; SLOTS];
+static NO_TABLE: Table = Table::NONE;
 
 /// Takes the numbers of a page in their order.
 pub trait Coder {
@@ -53,16 +53,21 @@ pub trait Coder {
         let below = length.saturating_sub(1).min(62);
         let low = u64::from(self.bits(below.min(32), || super::low(known)));
         let high = if below > 32 { u64::from(self.bits(below - 32, || super::low(known >> 32))) } else { 0 };
-        // Of length 0 no bit is set.
-        let top = (1u64 << length.min(63)) >> 1;
-        top | low & top.wrapping_sub(1) | high << 32 & top.wrapping_sub(1)
+        topped(length, low | high << 32)
     }
+}
+
+/// A number of `length` bits: its highest one, and those of `bits` below it. Of length 0 no bit is set.
+#[inline]
+fn topped(length: u32, bits: u64) -> u64 {
+    let top = (1u64 << length.min(63)) >> 1;
+    top | bits & top.saturating_sub(1)
 }
 
 /// Reads the numbers of a cold page.
 #[derive(Debug)]
 pub struct Decoder<'a> {
-    slots: &'a [[Slot; SLOTS]],
+    tables: &'a [Table],
     states: [u32; 2],
     halves: &'a [[u8; 2]],
     /// Halves taken; beyond their end zeros are.
@@ -80,7 +85,7 @@ impl<'a> Decoder<'a> {
         let (halves, _) = halves.as_chunks::<2>();
         let (&[a, b, c, d], halves) = halves.split_first_chunk::<4>()?;
         let state = |low: [u8; 2], high: [u8; 2]| u32::from_le_bytes([low[0], low[1], high[0], high[1]]);
-        Some(Self { slots: model.slots(), states: [state(a, b), state(c, d)], halves, taken: 0, bits, at: 0 })
+        Some(Self { tables: model.tables(), states: [state(a, b), state(c, d)], halves, taken: 0, bits, at: 0 })
     }
 
     /// Whether all has been read, and nothing but what was written.
@@ -94,13 +99,18 @@ impl<'a> Decoder<'a> {
     /// The bits from here on, at least 57; zeros behind the end.
     #[inline]
     fn peek(&self) -> u64 {
-        let byte = self.at / 8;
-        let word = match self.bits.get(byte..).and_then(|b| b.first_chunk::<8>()) {
-            Some(bytes) => u64::from_le_bytes(*bytes),
-            None => last(self.bits, byte),
-        };
-        word >> (self.at % 8)
+        peek(self.bits, self.at)
     }
+}
+
+#[inline]
+fn peek(bits: &[u8], at: usize) -> u64 {
+    let byte = at / 8;
+    let word = match bits.get(byte..byte + 8).and_then(|b| b.first_chunk::<8>()) {
+        Some(bytes) => u64::from_le_bytes(*bytes),
+        None => last(bits, byte),
+    };
+    word >> (at % 8)
 }
 
 /// The last bytes, where fewer than 8 are left. Not of the decoder, which then needs no place in memory.
@@ -114,14 +124,13 @@ impl Coder for Decoder<'_> {
     #[inline]
     fn symbol(&mut self, table: usize, _: impl FnOnce() -> u32) -> u32 {
         let [state, other] = self.states;
-        let slots = self.slots.get(table).unwrap_or(&NO_SLOTS);
-        let slot = slots.get(state as usize & (SLOTS - 1)).copied().unwrap_or_default();
-        let next = slot.frequency() * (state >> PROBABILITY_BITS) + slot.bias();
+        let [symbol, frequency, before] = self.tables.get(table).unwrap_or(&NO_TABLE).find(state);
+        let next = frequency * (state >> PROBABILITY_BITS) + before;
         let half = self.halves.get(self.taken).map_or(0, |h| u32::from(u16::from_le_bytes(*h)));
         let short = next < LEAST_STATE;
         self.taken += usize::from(short);
         self.states = [other, if short { next << 16 | half } else { next }];
-        slot.symbol()
+        symbol
     }
 
     #[inline]
@@ -130,4 +139,25 @@ impl Coder for Decoder<'_> {
         self.at += count.min(32) as usize;
         super::low(bits)
     }
+
+    /// At once, where it has no more bits than are at hand.
+    #[inline]
+    fn rest(&mut self, length: u32, _: u64) -> u64 {
+        if length > 57 {
+            return long(self, length);
+        }
+        let top = (1u64 << length) >> 1;
+        let low = self.peek() & top.saturating_sub(1);
+        self.at += length.saturating_sub(1) as usize;
+        top | low
+    }
+}
+
+/// [`Coder::rest`] of a great length.
+#[cold]
+fn long(c: &mut Decoder<'_>, length: u32) -> u64 {
+    let below = length.saturating_sub(1).min(62);
+    let low = u64::from(c.bits(below.min(32), || 0));
+    let high = if below > 32 { u64::from(c.bits(below - 32, || 0)) } else { 0 };
+    topped(length, low | high << 32)
 }

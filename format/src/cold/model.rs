@@ -38,29 +38,25 @@ pub fn alphabets(kind: Kind) -> Vec<u16> {
     plain::TABLES.iter().chain(own).flat_map(|&(count, symbols)| core::iter::repeat_n(symbols, count)).collect()
 }
 
-/// A slot of a table: bits 0..9 the symbol, 9..20 the slot's place among the symbol's, 20..32 the symbol's frequency.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Slot(u32);
+/// A table. A symbol is found by one byte of its slot, so that what is in use of all tables stays small.
+#[derive(Clone, Copy, Debug)]
+pub struct Table {
+    /// The symbol of each slot.
+    symbols: [u8; SLOTS],
+    /// Of each symbol, bits 0..16 its frequency, 16..32 its first slot.
+    shares: [u32; 256],
+}
 
-impl Slot {
-    pub(super) const NONE: Slot = Slot(0);
+impl Table {
+    pub(super) const NONE: Table = Table { symbols: [0; SLOTS], shares: [0; 256] };
 
-    /// The symbol.
-    #[inline]
-    pub fn symbol(self) -> u32 {
-        self.0 & 0x1FF
-    }
-
-    /// How many of the slots are the symbol's, 1 to [`SLOTS`].
-    #[inline]
-    pub fn frequency(self) -> u32 {
-        self.0 >> 20
-    }
-
-    /// How many of these come before.
-    #[inline]
-    pub fn bias(self) -> u32 {
-        self.0 >> 9 & 0x7FF
+    /// The symbol of a slot, the symbol's frequency, and how many of its slots come before.
+    #[inline(always)]
+    pub(super) fn find(&self, slot: u32) -> [u32; 3] {
+        let slot = slot & ((1 << PROBABILITY_BITS) - 1);
+        let symbol = self.symbols.get(slot as usize).copied().unwrap_or(0);
+        let share = self.shares.get(usize::from(symbol)).copied().unwrap_or(0);
+        [symbol.into(), share & 0xFFFF, slot - (share >> 16)]
     }
 }
 
@@ -69,8 +65,7 @@ impl Slot {
 pub struct Model {
     kind: Kind,
     near: u8,
-    /// [`SLOTS`] of each table.
-    slots: Vec<Slot>,
+    tables: Vec<Table>,
     /// Bits of gx and shift, and of gy, of slopes that planes of several pages have.
     slopes: Vec<[u32; 2]>,
     /// Selectors that several masks have.
@@ -84,10 +79,10 @@ impl Model {
         if near > if matches!(kind, Kind::Mh | Kind::Mmh) { MAX_NEAR } else { 0 } {
             return None;
         }
-        let tables = alphabets(kind);
-        let mut slots = Vec::with_capacity(tables.len() * SLOTS);
-        for symbols in tables {
-            rest = table(rest, symbols, &mut slots)?;
+        let alphabets = alphabets(kind);
+        let mut tables = vec![Table::NONE; alphabets.len()];
+        for (symbols, into) in alphabets.into_iter().zip(&mut tables) {
+            rest = table(rest, symbols, into)?;
         }
         let (mut slopes, mut selectors) = (Vec::new(), Vec::new());
         if kind == Kind::Vector {
@@ -96,13 +91,13 @@ impl Model {
             })?;
             selectors = list(&mut rest, u32::from_le_bytes)?;
         }
-        rest.is_empty().then_some(Self { kind, near, slots, slopes, selectors })
+        rest.is_empty().then_some(Self { kind, near, tables, slopes, selectors })
     }
 
     /// Bytes that a model of a kind takes at most, as a section and in memory together.
     pub fn most_bytes(kind: Kind) -> u64 {
         let section: usize = alphabets(kind).iter().map(|n| 2 * usize::from(*n) + 2).sum();
-        (alphabets(kind).len() * SLOTS * size_of::<Slot>() + section + 24 * MAX_SLOPES + 16) as u64
+        (alphabets(kind).len() * size_of::<Table>() + section + 24 * MAX_SLOPES + 16) as u64
     }
 
     /// The kind whose pages it is for.
@@ -126,9 +121,8 @@ impl Model {
         &self.selectors
     }
 
-    /// [`SLOTS`] of each table.
-    pub(super) fn slots(&self) -> &[[Slot; SLOTS]] {
-        self.slots.as_chunks().0
+    pub(super) fn tables(&self) -> &[Table] {
+        &self.tables
     }
 }
 
@@ -143,7 +137,7 @@ fn list<const N: usize, T>(bytes: &mut &[u8], item: impl Fn([u8; N]) -> T) -> Op
 }
 
 /// Reads one table; returns what is behind it.
-fn table<'a>(mut bytes: &'a [u8], symbols: u16, slots: &mut Vec<Slot>) -> Option<&'a [u8]> {
+fn table<'a>(mut bytes: &'a [u8], symbols: u16, into: &mut Table) -> Option<&'a [u8]> {
     let (mut symbol, mut sum) = (0u16, 0u16);
     while symbol < symbols {
         let (&first, rest) = bytes.split_first()?;
@@ -164,16 +158,18 @@ fn table<'a>(mut bytes: &'a [u8], symbols: u16, slots: &mut Vec<Slot>) -> Option
                 return None;
             }
         }
-        sum = sum.checked_add(frequency).filter(|sum| usize::from(*sum) <= SLOTS)?;
-        let top = u32::from(frequency) << 20 | u32::from(symbol);
-        slots.extend((0..u32::from(frequency)).map(|i| Slot(top | i << 9)));
+        let start = sum;
+        sum = sum.checked_add(frequency)?;
+        // No alphabet has more than 256.
+        into.symbols.get_mut(start.into()..sum.into())?.fill(u8::try_from(symbol).ok()?);
+        *into.shares.get_mut(usize::from(symbol))? = u32::from(start) << 16 | u32::from(frequency);
         symbol += 1;
     }
     match usize::from(sum) {
         SLOTS => Some(bytes),
         // A table that nothing was coded by: its symbol 0 takes no bits.
         0 => {
-            slots.extend((0..1 << PROBABILITY_BITS).map(|i| Slot(1 << (20 + PROBABILITY_BITS) | i << 9)));
+            *into.shares.first_mut()? = 1 << PROBABILITY_BITS;
             Some(bytes)
         }
         _ => None,

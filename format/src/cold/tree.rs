@@ -10,6 +10,7 @@
 
 use alloc::vec;
 use alloc::vec::Vec;
+use core::hint::select_unpredictable;
 
 use super::{Coder, Model, frame, low, plain, put, unzigzag, word, zigzag};
 use crate::kind::Kind;
@@ -34,51 +35,49 @@ pub(super) const MH_TABLES: &[(usize, u16)] = &[(8, 256), (8, 128)];
 /// Tables of `mmh`.
 pub(super) const MMH_TABLES: &[(usize, u16)] = &[(8, 256), (8, 40), (1, 3), (1, 10), (1, 2)];
 
-/// The children of an inner or empty node, yet to come.
+/// A group that has been met.
 #[derive(Clone, Copy, Default)]
-struct Pending {
-    /// Bits 0..16 word of the node (0 for the root group), 16..24 whether it is empty, 24..32 level of the children.
-    node: u32,
-    /// The first texel, half texels from the page's corner; y in the high half.
+struct Met {
+    /// Its first texel, half texels from the page's corner; y in the high half. Of kind `mh` alone.
     corner: u64,
+    /// First word.
+    start: u16,
+    /// Level of its nodes.
+    level: u8,
 }
 
-/// A value, yet to come.
+/// A node of a group: bits 0..3 its word there, 3..5 which child it is, 5..7 a level, at most 3, 7 what [`Group`] says,
+/// 16..32 number of the group.
 #[derive(Clone, Copy, Default)]
-struct Value {
-    /// Bits 0..16 its word, 16..18 the child, 18 whether it is inner, 24..32 level, 32..64 number of the group.
-    what: u64,
-    /// The square's centre, as a corner.
-    centre: u64,
-}
+struct Node(u32);
 
-impl Value {
+impl Node {
     #[inline]
-    fn word(&self) -> usize {
-        low(self.what & 0xFFFF) as usize
+    fn group(self) -> usize {
+        (self.0 >> 16) as usize
     }
 
     #[inline]
-    fn level(&self) -> u32 {
-        low(self.what) >> 24
+    fn word(self, met: &Met) -> usize {
+        usize::from(met.start) + (self.0 & 7) as usize
     }
 
     #[inline]
-    fn child(&self) -> usize {
-        low(self.what >> 16 & 3) as usize
+    fn child(self) -> usize {
+        (self.0 >> 3 & 3) as usize
     }
 
-    /// 4 for inner nodes, else 0.
+    /// Bits 5 to 7, by which a table is chosen.
     #[inline]
-    fn inner(&self) -> usize {
-        low(self.what >> 16 & 4) as usize
-    }
-
-    #[inline]
-    fn place(&self) -> (i32, i32) {
-        (low(self.centre).cast_signed(), low(self.centre >> 32).cast_signed())
+    fn table(self) -> usize {
+        (self.0 >> 5 & 7) as usize
     }
 }
+
+/// Corner of each child of a group of level 0, half texels.
+const CORNERS: [u64; 4] = [0, 2, 2 << 32, 2 << 32 | 2];
+/// From the corner to the centre of a node of level 0.
+const CENTRE: u64 = 1 << 32 | 1;
 
 /// What a mask says of its group.
 #[derive(Clone, Copy)]
@@ -87,58 +86,48 @@ pub(super) struct Group {
     /// Nodes with a value, and nodes with children.
     pub(super) values: u8,
     pub(super) nodes: u8,
-    /// Of each value, by rising child, bit 0 of a byte: whether it is of an inner node.
-    pub(super) inner: u32,
-    /// The same of the nodes with children, by rising child: whether it is empty.
+    /// Of each node with children, by rising child, bit 0 of a byte: whether it is empty.
     pub(super) empty: u32,
-    /// Of each child what is added to that of the group's first word, see [`Value`] and [`Pending`].
+    /// Its values by rising child, as [`Node`]; bit 7: whether it is of an inner node.
     value: [u32; 4],
+    /// Its nodes with children, by falling child; bit 7: whether it is empty.
     node: [u32; 4],
-    /// Where it stands among the values, by rising child, and among the nodes with children, by falling child; of a child
-    /// that is none, where the next one does, so that it is overwritten.
-    value_at: [u8; 4],
-    node_at: [u8; 4],
+    /// The last of them.
+    first: u32,
+    /// Of each value, by rising child: bit 0 whether it is of an inner node, above it how many come before.
+    pub(super) order: [u32; 4],
 }
 
 #[allow(clippy::indexing_slicing, clippy::cast_possible_truncation, reason = "runs while this is compiled")]
 pub(super) static GROUPS: [Group; 256] = {
-    let none = Group {
-        words: 0,
-        values: 0,
-        nodes: 0,
-        inner: 0,
-        empty: 0,
-        value: [0; 4],
-        node: [0; 4],
-        value_at: [0; 4],
-        node_at: [0; 4],
-    };
+    let none = Group { words: 0, values: 0, nodes: 0, empty: 0, value: [0; 4], node: [0; 4], first: 0, order: [0; 4] };
     let mut groups = [none; 256];
     let mut mask = 0;
     while mask < 256 {
-        let (mut g, mut child, mut nodes) = (none, 0, 0);
+        let (mut g, mut child, mut nodes) = (none, 0, [0; 4]);
         while child < 4 {
             let kind = mask >> (2 * child) & 3;
-            g.value_at[child] = g.values;
+            let own = g.words as u32 | (child as u32) << 3;
             if kind == 1 || kind == 2 {
                 let inner = kind as u32 >> 1;
-                g.value[child] = (g.words as u32 + inner) | (child as u32) << 16 | inner << 18;
-                g.inner |= inner << (8 * g.values);
+                g.value[g.values as usize] = (own + inner) | inner << 7;
+                g.order[g.values as usize] = 2 * g.values as u32 + inner;
                 g.values += 1;
             }
             if kind >= 2 {
-                g.node[child] = g.words as u32 | (kind as u32 & 1) << 16;
-                g.empty |= (kind as u32 & 1) << (8 * nodes);
-                nodes += 1;
+                nodes[g.nodes as usize] = own | (kind as u32 & 1) << 7;
+                g.empty |= (kind as u32 & 1) << (8 * g.nodes);
+                g.nodes += 1;
             }
             g.words += [0, 1, 2, 1][kind];
             child += 1;
         }
-        while child > 0 {
-            child -= 1;
-            g.node_at[child] = g.nodes;
-            g.nodes += (mask >> (2 * child + 1) & 1) as u8;
+        let mut i = 0;
+        while i < g.nodes as usize {
+            g.node[i] = nodes[g.nodes as usize - 1 - i];
+            i += 1;
         }
+        g.first = nodes[0];
         groups[mask] = g;
         mask += 1;
     }
@@ -172,11 +161,11 @@ pub(super) fn walk<C: Coder, const MERGED: bool>(
         }
         entries.reverse();
     }
-    let values = types::<C, MERGED>(c, real, out, (root_mask, level), entries, end)?;
-    if MERGED { rises(c, real, out, &values) } else { depths(c, model, real, out, &values) }
+    let (met, values) = types::<C, MERGED>(c, real, out, (root_mask, level), entries, end)?;
+    if MERGED { rises(c, real, out, &met, &values) } else { depths(c, model, real, out, &met, &values) }
 }
 
-/// Decodes the types of all groups, puts nodes in their places, and says where values lie.
+/// Decodes the types of all groups, puts nodes in their places, and says where values lie: group 0 is above the root.
 fn types<C: Coder, const MERGED: bool>(
     c: &mut C,
     real: &[u32],
@@ -184,22 +173,27 @@ fn types<C: Coder, const MERGED: bool>(
     (root, level): (u8, u8),
     mut entries: Vec<u8>,
     mut end: usize,
-) -> Option<Vec<Value>> {
+) -> Option<(Vec<Met>, Vec<Node>)> {
     // A value takes a word, and so does a node that waits; each is written with up to 3 more behind it.
-    let mut values = vec![Value::default(); out.len() + 4];
-    let mut pending = vec![Pending::default(); out.len() + 4];
-    *pending.first_mut()? = Pending { node: u32::from(level) << 24, corner: 0 };
-    let (mut count, mut found) = (usize::from(root != 0), 0usize);
-    let (mut references, mut group) = (0u32, 0u32);
+    let mut values = vec![Node::default(); out.len() + 4];
+    let mut pending = vec![Node::default(); out.len() + 4];
+    let mut met = Vec::with_capacity(out.len() / 2 + 1);
+    met.push(Met { level: level + 1, ..Met::default() });
+    // The top of those that wait is at hand: what comes next hangs on it.
+    let (mut count, mut top) = (usize::from(root != 0), Node::default());
+    let mut found = 0usize;
+    let mut references = 0u32;
     // Of mmh: masks of groups that wait at their word, and in the high byte their level + 1.
     let mut waiting = vec![0u16; if MERGED { out.len() + 1 } else { 0 }];
     let alone = if MERGED && !real.is_empty() { alone(real) } else { Vec::new() };
     'all: loop {
-        let (mask, place) = 'group: {
+        // A word of a page has 16 bits.
+        let start = u16::try_from(end).ok()?;
+        let (mask, group) = 'group: {
             if MERGED {
                 let [mask, level] = waiting.get(end)?.to_le_bytes();
                 if level != 0 {
-                    break 'group (mask, Pending { node: u32::from(level - 1) << 24, corner: 0 });
+                    break 'group (mask, Met { start, level: level - 1, corner: 0 });
                 }
             }
             // Entries of a shared page may begin while groups wait for their turn.
@@ -207,17 +201,20 @@ fn types<C: Coder, const MERGED: bool>(
             let entry = both && c.symbol(ENTRIES, || u32::from(alone.get(end) == Some(&0))) != 0;
             let Some(next) = count.checked_sub(1).filter(|_| !entry) else {
                 let Some(mask) = entries.pop() else { break 'all };
-                break 'group (mask, Pending::default());
+                break 'group (mask, Met { start, ..Met::default() });
             };
-            count = next;
-            let next = *pending.get(count)?;
-            let [empty, level] = [next.node >> 16 & 1, next.node >> 24];
-            let at = (next.node & 0xFFFF) as usize;
+            let next = core::mem::replace(&mut top, under(&pending, next));
+            count -= 1;
+            let above = met.get(next.group())?;
+            let at = next.word(above);
+            let level = above.level.saturating_sub(1);
+            let corner = if MERGED { 0 } else { above.corner + (CORNERS.get(next.child())? << above.level) };
+            let group = Met { start, level, corner };
             if at == 0 {
-                break 'group (root, next);
+                break 'group (root, Met { corner: 0, ..group });
             }
             let known = word(real, at);
-            let types = c.symbol(MASKS + (empty * 4 + level.min(3)) as usize, || {
+            let types = c.symbol(MASKS + next.table(), || {
                 let here = if MERGED {
                     known >> 8 & 0xFF == 0 && alone.get((known >> 16) as usize) == Some(&1)
                 } else {
@@ -227,8 +224,8 @@ fn types<C: Coder, const MERGED: bool>(
             });
             let node = out.get_mut(at)?;
             if types != 0 {
-                *node = types | low(end as u64) << 16;
-                break 'group (types.to_le_bytes()[0], next);
+                *node = types | u32::from(start) << 16;
+                break 'group (types.to_le_bytes()[0], group);
             }
             let place = if MERGED { c.symbol(PLACES, || (known >> 8 & 0xFF).min(2)) } else { 1 };
             let mask = c.bits(8, || known & 0xFF);
@@ -241,8 +238,7 @@ fn types<C: Coder, const MERGED: bool>(
                     0 => {
                         let to = c.bits(14, || known >> 16);
                         let [mask, ..] = mask.to_le_bytes();
-                        let [level, ..] = (level + 1).to_le_bytes();
-                        *waiting.get_mut(to as usize)? = u16::from_le_bytes([mask, level]);
+                        *waiting.get_mut(to as usize)? = u16::from_le_bytes([mask, level + 1]);
                         to << 16
                     }
                     _ => {
@@ -254,46 +250,30 @@ fn types<C: Coder, const MERGED: bool>(
             continue 'all;
         };
         let g = GROUPS.get(usize::from(mask))?;
-        let level = place.node >> 24;
-        let start = end;
         end += usize::from(g.words);
         // A group without words would be met here for ever.
         if end > out.len() || g.words == 0 {
             return None;
         }
-        group += 1;
-        // Both halves at once: neither comes near 2^31.
-        let [half, x, y] = [(1u64 << 32 | 1) << level, 2 << level, 2 << (32 + level)];
-        let corners = [place.corner, place.corner + x, place.corner + y, place.corner + x + y];
+        let [number, level] = [low(met.len() as u64) << 16, group.level.into()];
+        met.push(group);
         // All four are written, whatever they are: what is too many is overwritten.
-        let base = start as u64 | u64::from(level) << 24 | u64::from(group) << 32;
-        let window = values.get_mut(found..)?.first_chunk_mut::<4>()?;
-        let mut set = |c: usize| {
-            let (own, at) = (*g.value.get(c)?, *g.value_at.get(c)? & 3);
-            let value = Value { what: base + u64::from(own), centre: corners.get(c)? + half };
-            *window.get_mut(usize::from(at))? = value;
-            Some(())
-        };
-        set(0)?;
-        set(1)?;
-        set(2)?;
-        set(3)?;
+        let own = number | level.min(3) << 5;
+        *values.get_mut(found..)?.first_chunk_mut()? = g.value.map(|v| Node(v | own));
         found += usize::from(g.values);
-        let base = low(start as u64) | level.saturating_sub(1) << 24;
-        let window = pending.get_mut(count..)?.first_chunk_mut::<4>()?;
-        let mut set = |c: usize| {
-            let (own, at) = (*g.node.get(c)?, *g.node_at.get(c)? & 3);
-            *window.get_mut(usize::from(at))? = Pending { node: base + own, corner: *corners.get(c)? };
-            Some(())
-        };
-        set(3)?;
-        set(2)?;
-        set(1)?;
-        set(0)?;
+        let own = number | level.saturating_sub(1).min(3) << 5;
+        *pending.get_mut(count..)?.first_chunk_mut()? = g.node.map(|n| Node(n | own));
+        top = Node(select_unpredictable(g.nodes == 0, top.0, g.first | own));
         count += usize::from(g.nodes);
     }
     values.truncate(found);
-    (end == out.len()).then_some(values)
+    (end == out.len()).then_some((met, values))
+}
+
+/// What waits below number `count`.
+#[inline]
+fn under(pending: &[Node], count: usize) -> Node {
+    pending.get(count.wrapping_sub(1)).copied().unwrap_or_default()
 }
 
 /// Of every word, how many nodes refer to it as the first of a group; 2 stands for more.
@@ -334,10 +314,11 @@ fn alone(page: &[u32]) -> Vec<u8> {
 }
 
 /// Rises of kind `mmh`.
-fn rises<C: Coder>(c: &mut C, real: &[u32], out: &mut [u32], values: &[Value]) -> Option<()> {
+fn rises<C: Coder>(c: &mut C, real: &[u32], out: &mut [u32], met: &[Met], values: &[Node]) -> Option<()> {
     for v in values {
-        let at = v.word();
-        let table = RISES + v.inner() + v.level().min(3) as usize;
+        let group = met.get(v.group())?;
+        let at = v.word(group);
+        let table = RISES + v.table();
         let rise = c.number(table, || zigzag(word(real, at).cast_signed().into()));
         put(out, at, low(unzigzag(rise).cast_unsigned()))?;
     }
@@ -367,8 +348,7 @@ impl Surface {
     }
 
     #[inline]
-    fn differs(&self, v: &Value, value: u32) -> u64 {
-        let (x, y) = v.place();
+    fn differs(&self, (x, y): (i32, i32), value: u32) -> u64 {
         zigzag(value.wrapping_sub(self.at(x, y)).cast_signed().into())
     }
 }
@@ -377,7 +357,14 @@ impl Surface {
 const LENGTH: u32 = 0x3F;
 
 /// Values of kind `mh`.
-fn depths<C: Coder>(c: &mut C, model: &Model, real: &[u32], out: &mut [u32], values: &[Value]) -> Option<()> {
+fn depths<C: Coder>(
+    c: &mut C,
+    model: &Model,
+    real: &[u32],
+    out: &mut [u32],
+    met: &[Met],
+    values: &[Node],
+) -> Option<()> {
     let near = model.near();
     let mut surfaces = [Surface::default(); 2];
     // Which of them was last.
@@ -386,35 +373,38 @@ fn depths<C: Coder>(c: &mut C, model: &Model, real: &[u32], out: &mut [u32], val
     let mut last = [(0u32, 0u64); 4];
     let (mut before, mut id) = (0usize, 1u32);
     for v in values {
-        let (at, (x, y)) = (v.word(), v.place());
+        let group = met.get(v.group())?;
+        let (at, child) = (v.word(group), v.child());
+        let centre = group.corner + ((CORNERS.get(child)? + CENTRE) << group.level);
+        let [x, y] = [centre, centre >> 32].map(|x| low(x).cast_signed());
         let known = word(real, at);
-        let symbol = c.symbol(VALUES + v.inner() + before, || {
-            let length = |s: usize| u64::BITS - surfaces.get(s & 1).map_or(0, |s| s.differs(v, known)).leading_zeros();
+        let symbol = c.symbol(VALUES + (v.table() & 4) + before, || {
+            let length =
+                |s: usize| u64::BITS - surfaces.get(s & 1).map_or(0, |s| s.differs((x, y), known)).leading_zeros();
             let [a, b] = [length(front), length(front ^ 1)];
             // Another surface than the last costs about two bits more.
             if a <= b + 2 { a } else { b | (LENGTH + 1) }
         });
         let (other, length) = (usize::from(symbol > LENGTH), symbol & LENGTH);
         let from = *surfaces.get((front ^ other) & 1)?;
-        let z = c.rest(length, from.differs(v, known));
+        let z = c.rest(length, from.differs((x, y), known));
         let value = from.at(x, y).wrapping_add(low(unzigzag(z).cast_unsigned()));
         put(out, at, value)?;
-        let miss = usize::from(length > near);
-        before = if miss == 1 { 3 } else { (other * 2) | (usize::from(length >= 4) & !other) };
+        let is_miss = length > near;
+        before = select_unpredictable(is_miss, 3, (other * 2) | (usize::from(length >= 4) & !other));
         id = id.wrapping_add(1);
-        let own = if miss == 1 { id } else { from.id };
-        let child = v.child();
-        let key = v.what >> 32 << 32 | u64::from(own);
+        let own = select_unpredictable(is_miss, id, from.id);
+        let key = u64::from(v.0 >> 16) << 32 | u64::from(own);
         // The sibling beside, where it came before, and on the same surface.
         let slope = |sibling: usize, old: i64| {
             let (depth, surface) = last.get(sibling & 3).copied().unwrap_or_default();
-            let slope = i64::from(value.wrapping_sub(depth).cast_signed()) << 16 >> (v.level() + 1);
-            if surface == key { slope } else { old }
+            let slope = i64::from(value.wrapping_sub(depth).cast_signed()) << 16 >> (group.level + 1);
+            select_unpredictable(surface == key, slope, old)
         };
         let (gx, gy) = (slope(child ^ 1, from.gx), slope(child ^ 2, from.gy));
         *last.get_mut(child)? = (value, key);
         // What lies on the last surface goes on from it; anything else takes the other's place.
-        front ^= other | miss;
+        front ^= other | usize::from(is_miss);
         *surfaces.get_mut(front & 1)? = Surface { value, x, y, gx, gy, id: own };
     }
     Some(())

@@ -7,6 +7,7 @@
 
 use alloc::vec;
 use alloc::vec::Vec;
+use core::hint::select_unpredictable;
 
 use super::tree::GROUPS;
 use super::{Coder, Model, frame, low, plain, put, unzigzag, word, zigzag};
@@ -99,6 +100,9 @@ fn starts(h: &Header, refs: u32) -> [u32; 10] {
 #[derive(Clone, Copy)]
 struct Group {
     mask: u8,
+    /// Of its nodes how many have children, and how many an entry.
+    nodes: u8,
+    values: u8,
     /// Group below its first child that has children.
     below: u32,
     /// Index of its first node with an entry.
@@ -143,10 +147,11 @@ pub(super) fn walk<C: Coder>(c: &mut C, model: &Model, words: &[u32], out: &mut 
         at.map(|a| a as usize);
     stubs(&groups, out, stubs_at, w0 >> 16)?;
     let mut sum = 0u32;
-    let base = [0, constants, planes, splits, masks].map(|n| {
+    let [c0, c1, c2, c3, c4] = [0, constants, planes, splits, masks].map(|n| {
         sum += u32::from(n);
         sum
     });
+    let base = [c0, c1, c2, c3, c4, 0, 0, 0];
     indexes(c, &real, out, &groups, &header, base, [indexes_at, proofs_at])?;
     // Half the side of the page's square, in places.
     let centre = 128i64 << (level + 1);
@@ -193,8 +198,8 @@ fn topology<C: Coder>(c: &mut C, words: &[u32], out: &mut [u32], root: u8, level
             c.symbol(TYPES + usize::from(table), || word(words, place) >> shift & 0xFF).to_le_bytes()[0]
         };
         *out.get_mut(place)? |= u32::from(mask) << shift;
-        groups.push(Group { mask, below, entries });
         let own = GROUPS.get(usize::from(mask))?;
+        groups.push(Group { mask, nodes: own.nodes, values: own.values, below, entries });
         entries += u32::from(own.values);
         // Four at a time: what is too many is overwritten.
         let context = u32::from(level.saturating_sub(1).min(3)) * 0x0101_0101;
@@ -238,12 +243,13 @@ fn pack(out: &mut [u32], at: usize, width: u32, n: u32, number: u32) -> Option<(
     Some(())
 }
 
-/// Numbers of the palette at which its classes start: constants, planes, splits, masks, raws.
-type Starts = [u32; 5];
+/// Numbers of the palette at which its classes start: constants, planes, splits, masks, raws; the rest is 0, so that three
+/// bits are a place.
+type Starts = [u32; 8];
 
 /// Class of a number of the palette.
 fn class(starts: &Starts, index: u32) -> usize {
-    starts.iter().skip(1).filter(|start| index >= **start).count()
+    starts.iter().take(5).skip(1).filter(|start| index >= **start).count()
 }
 
 fn of(starts: &Starts, class: usize) -> u32 {
@@ -275,34 +281,37 @@ fn indexes<C: Coder>(
     [at, proofs_at]: [usize; 2],
 ) -> Option<()> {
     let count = usize::from(header.entries);
-    // Nodes with an entry in preorder of their groups: index, and 1 for inner nodes. Each time four are written, whatever
-    // there is: what is too many is overwritten.
-    let mut order = vec![(0u32, 0u8); count + 4];
+    // Nodes with an entry in preorder of their groups: bit 0 whether it is inner, above it its number. Each time four are
+    // written, whatever there is: what is too many is overwritten.
+    let mut order = vec![0u32; count + 4];
     let mut pending = vec![0u32; groups.len() + 4];
-    let (mut waits, mut met) = (1usize, 0usize);
-    while let Some(top) = waits.checked_sub(1) {
-        let g = *groups.get(*pending.get(top)? as usize)?;
+    let (mut waits, mut met, mut top) = (1usize, 0usize, 0u32);
+    while let Some(left) = waits.checked_sub(1) {
+        let g = *groups.get(top as usize)?;
         let own = GROUPS.get(usize::from(g.mask))?;
-        let (e, [i, j, k, l]) = (g.entries, own.inner.to_le_bytes());
-        *order.get_mut(met..)?.first_chunk_mut()? = [(e, i), (e + 1, j), (e + 2, k), (e + 3, l)];
-        met += usize::from(own.values);
-        let nodes = u32::from(own.nodes);
+        let first = 2 * g.entries;
+        *order.get_mut(met..)?.first_chunk_mut()? = own.order.map(|o| first.wrapping_add(o));
+        met += usize::from(g.values);
+        let nodes = u32::from(g.nodes);
+        // The group that comes next is at hand, the others wait.
+        let under = pending.get(left.wrapping_sub(1)).copied().unwrap_or(0);
+        top = select_unpredictable(nodes == 0, under, g.below);
         let last = g.below.wrapping_add(nodes).wrapping_sub(1);
-        *pending.get_mut(top..)?.first_chunk_mut()? = [0, 1, 2, 3].map(|back| last.wrapping_sub(back));
-        waits = top + nodes as usize;
+        *pending.get_mut(left..)?.first_chunk_mut()? = [0, 1, 2, 3].map(|back| last.wrapping_sub(back));
+        waits = left + nodes as usize;
     }
     order.truncate(met);
     let (proofs, width) = (header.flags != 0, u32::from(header.index_bits));
     let mut next = starts;
-    let mut recent = vec![0u32; order.len() + RECENT];
-    let mut before = 0usize;
-    for (i, (node, inner)) in order.into_iter().enumerate() {
-        let window = recent.get_mut(i..i + RECENT + 1)?;
+    let mut recent = [0u32; RECENT];
+    let (mut before, mut all) = (0usize, 0u32);
+    for (i, node) in order.into_iter().enumerate() {
+        let (inner, node) = (node & 1, node >> 1);
+        let ago = |recent: &[u32; RECENT], ago: usize| at_turn(recent, i.wrapping_sub(1).wrapping_sub(ago));
         let known = real.bits(2, width, node);
-        let symbol = c.symbol(INDEXES + before * 2 + usize::from(inner), || {
+        let symbol = c.symbol(INDEXES + before * 2 + inner as usize, || {
             let proven = u32::from(proofs) & real.bits(3, 1, node);
-            let ago = window.iter().rev().skip(1).position(|v| *v == known).filter(|ago| *ago < i);
-            let told = ago.unwrap_or_else(|| {
+            let told = (0..RECENT.min(i)).find(|a| ago(&recent, *a) == known).unwrap_or_else(|| {
                 let class = class(&starts, known);
                 RECENT + class * LENGTHS + length(ahead(known, of(&next, class))) as usize
             });
@@ -311,23 +320,27 @@ fn indexes<C: Coder>(
         let told = (symbol >> 1) as usize;
         // Both ways at once: which one it is can't be foreseen.
         let (is_new, new) = (told >= RECENT, told.saturating_sub(RECENT));
-        let expected = next.get_mut(new / LENGTHS)?;
+        let expected = next.get_mut((new / LENGTHS) & 7)?;
         let d = c.rest(low((new % LENGTHS) as u64), ahead(known, *expected));
         let fresh = from(*expected, d);
-        *expected = if is_new & (d & 1 == 0) { fresh.wrapping_add(1) } else { *expected };
-        let old = window.get((RECENT - 1).saturating_sub(told)).copied()?;
-        let index = if is_new { fresh } else { old };
-        before = if is_new { 2 + new / LENGTHS } else { usize::from(told != 0) };
-        if u64::from(index) >= 1 << width {
-            return None;
-        }
-        *window.last_mut()? = index;
+        *expected = select_unpredictable(is_new & (d & 1 == 0), fresh.wrapping_add(1), *expected);
+        let index = select_unpredictable(is_new, fresh, ago(&recent, told));
+        before = select_unpredictable(is_new, 2 + new / LENGTHS, usize::from(told != 0));
+        all |= index;
+        *recent.get_mut(i % RECENT)? = index;
         pack(out, at, width, node, index)?;
         if proofs {
             *out.get_mut(proofs_at + (node / 32) as usize)? |= (symbol & 1) << (node % 32);
         }
     }
-    Some(())
+    // One that has more bits has spoilt its neighbours.
+    (u64::from(all) >> width == 0).then_some(())
+}
+
+/// The item whose turn it was at `turn`, of as many as a power of two that take turns.
+#[inline]
+fn at_turn<const N: usize>(items: &[u32; N], turn: usize) -> u32 {
+    items.get(turn % N).copied().unwrap_or(0)
 }
 
 /// Low 48 bits of c, with sign.
@@ -432,6 +445,7 @@ const TOLD: usize = 4;
 
 /// A part of a split or mask: a number of the palette, told as one of four others or by how far it is from where the next
 /// of its class is expected.
+#[inline(always)]
 fn part<C: Coder>(
     c: &mut C,
     table: usize,
@@ -449,12 +463,12 @@ fn part<C: Coder>(
     });
     let symbol = symbol as usize;
     let (is_new, new) = (symbol >= TOLD, symbol.saturating_sub(TOLD));
-    let expected = next.get_mut(new / LENGTHS)?;
+    let expected = next.get_mut((new / LENGTHS) & 7)?;
     let d = c.rest(low((new % LENGTHS) as u64), ahead(known, *expected));
     let fresh = from(*expected, d);
-    *expected = if is_new { fresh.wrapping_add(1) } else { *expected };
-    let old = others.get(symbol & (TOLD - 1)).copied()?;
-    Some((if is_new { fresh } else { old }, 2 * u32::from(is_new)))
+    *expected = select_unpredictable(is_new, fresh.wrapping_add(1), *expected);
+    let old = at_turn(&others, symbol);
+    Some((select_unpredictable(is_new, fresh, old), 2 * u32::from(is_new)))
 }
 
 fn each_split<C: Coder>(
@@ -468,23 +482,23 @@ fn each_split<C: Coder>(
     let mut next = starts;
     let mut lines = [0u32; RECENT_LINES];
     let (mut line_next, mut told, mut last) = (0u32, 0usize, [0u32; 2]);
-    for i in 0..count {
-        let known = real.at(7, i.into());
+    for i in 0..usize::from(count) {
+        let known = real.at(7, i);
+        let ago = |lines: &[u32; RECENT_LINES], ago: usize| at_turn(lines, i.wrapping_sub(1).wrapping_sub(ago));
         let symbol = c.symbol(SPLIT_LINES + told, || {
             let line = known & 0x3FF;
-            let ago = lines.iter().position(|l| *l == line);
+            let ago = (0..RECENT_LINES).find(|a| ago(&lines, *a) == line);
             u32::try_from(ago.unwrap_or_else(|| RECENT_LINES + length(ahead(line, line_next)) as usize)).unwrap_or(0)
         });
         // Both ways at once here, too.
         let fresh = from(line_next, c.rest(symbol.saturating_sub(8), ahead(known & 0x3FF, line_next)));
-        let old = lines.get((symbol & 7) as usize).copied()?;
-        told = usize::from(symbol < 8);
-        let line = if told != 0 { old } else { fresh };
-        line_next = if told != 0 { line_next } else { fresh.wrapping_add(1) };
-        lines.rotate_right(1);
-        *lines.first_mut()? = line;
+        let is_told = symbol < 8;
+        let line = select_unpredictable(is_told, ago(&lines, symbol as usize), fresh);
+        line_next = select_unpredictable(is_told, line_next, fresh.wrapping_add(1));
+        told = usize::from(is_told);
+        *lines.get_mut(i % RECENT_LINES)? = line;
         // A split that is a part is likely one of the last ones.
-        *next.get_mut(2)? = starts.get(2)? + u32::from(i);
+        *next.get_mut(2)? = starts.get(2)? + low(i as u64);
         let (a, how) = part(
             c,
             SPLIT_PARTS + told,
@@ -493,11 +507,11 @@ fn each_split<C: Coder>(
             &mut next,
             &starts,
         )?;
-        *next.get_mut(2)? = starts.get(2)? + u32::from(i);
+        *next.get_mut(2)? = starts.get(2)? + low(i as u64);
         let table = SPLIT_PARTS + 2 + how as usize + told;
         let (b, _) = part(c, table, known >> 21, [last[1], last[0], u32::MAX, u32::MAX], &mut next, &starts)?;
         last = [a, b];
-        put(out, at + usize::from(i), line & 0x3FF | (a & 0x7FF) << 10 | b << 21)?;
+        put(out, at + i, line & 0x3FF | (a & 0x7FF) << 10 | b << 21)?;
     }
     Some(())
 }

@@ -5,6 +5,12 @@ mod layers;
 
 use std::path::Path;
 
+use umbrage_format::Kind;
+
+const KINDS: [Kind; 3] = [Kind::Mh, Kind::Mmh, Kind::Vector];
+/// Most bytes of an input with a cold page: short ones are changed and run faster.
+const COLD_BYTES: usize = 400;
+
 fn main() -> std::io::Result<()> {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
     let put = |target: &str, name: &str, bytes: &[u8]| {
@@ -81,13 +87,9 @@ fn main() -> std::io::Result<()> {
 
     // Bytes of a page, a model, words, changes; of each kind.
     for (kind, name) in [(0u8, "mh"), (1, "mmh"), (2, "vector")] {
-        let page = [40, 0, 4, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0x51, 3, 0, 9, 9, 9, 9, 0];
-        put("cold", &format!("{name}-page"), &[&[kind][..], &page].concat())?;
-        put(
-            "cold",
-            &format!("{name}-model"),
-            &[&[kind | 1 << 2, 40, 0, 60, 0][..], &[0, 0, 255, 0, 1, 0x88, 0]].concat(),
-        )?;
+        for (what, bytes) in umbrage_fuzz::cold::seeds(KINDS[usize::from(kind)], COLD_BYTES) {
+            put("cold", &format!("{name}-{what}"), &bytes)?;
+        }
         put("cold", &format!("{name}-words"), &[&[kind | 2 << 2, 200][..], &[7, 0, 0, 0].repeat(150)].concat())?;
         for which in [1u8, 9, 30] {
             put("cold", &format!("{name}-same-{which}"), &[kind | 3 << 2, which, 0])?;

@@ -49,28 +49,61 @@ fn made(kind: Kind) -> &'static Made {
     })
 }
 
-fn hold(model: &Model, cold: &[u8], words: u16) {
+/// Inputs with a page that is decoded to its end: one by the tables made of random trees, two by tables of its own, of
+/// which one page has children in other pages where there is such a page. Not longer than `most` bytes.
+pub fn seeds(kind: Kind, most: usize) -> Vec<(&'static str, Vec<u8>)> {
+    let [tag, ..] = (u16::from(kind.tag()) - 1).to_le_bytes();
+    let Made { pages, tables: common } = made(kind);
+    let page = |page: &Vec<u32>| {
+        let cold = common.encode(page)?;
+        Some([&[tag][..], &(page.len() as u16).to_le_bytes(), &cold].concat())
+    };
+    let model = |page: &Vec<u32>| {
+        let own = tables(kind, std::slice::from_ref(page));
+        let (section, cold) = (own.section(), own.encode(page)?);
+        let lengths = [page.len() as u16, section.len() as u16].map(u16::to_le_bytes).concat();
+        Some([&[tag | 1 << 2][..], &lengths, section, &cold].concat())
+    };
+    // The one with the most words is the one that reaches most.
+    let longest = |of: &dyn Fn(&Vec<u32>) -> Option<Vec<u8>>, is: &dyn Fn(&Vec<u32>) -> bool| {
+        let fits = |p: &Vec<u32>| of(p).filter(|bytes| bytes.len() <= most).map(|bytes| (p.len(), bytes));
+        pages.iter().filter(|p| is(p)).filter_map(fits).max_by_key(|(words, _)| *words).map(|(_, bytes)| bytes)
+    };
+    let all = [
+        ("page", longest(&page, &|_| true)),
+        ("model", longest(&model, &|p| p[0] >> 16 == 0 && p[0] >> 8 & 0xFF != 0)),
+        ("model-refs", longest(&model, &|p| p[0] >> 16 != 0)),
+        ("model-shared", longest(&model, &|p| kind == Kind::Mmh && p[0] >> 8 & 0xFF == 0)),
+    ];
+    all.into_iter().filter_map(|(name, bytes)| Some((name, bytes?))).collect()
+}
+
+fn hold(model: &Model, cold: &[u8], words: u16) -> bool {
     let found = decode(model, cold, words);
-    assert!(found.is_none_or(|found| found.len() == usize::from(words)));
+    assert!(found.as_ref().is_none_or(|found| found.len() == usize::from(words)));
+    found.is_some()
 }
 
 /// One input.
 pub fn run(data: &[u8]) {
+    decodes(data);
+}
+
+/// The same; returns whether bytes of the input are a page that is decoded.
+pub fn decodes(data: &[u8]) -> bool {
     let mut input = Input(data);
     let how = input.byte();
     let kind = KINDS[usize::from(how & 3)];
     match how >> 2 & 3 {
         0 => {
             let words = input.pair() % 16385;
-            hold(made(kind).tables.model(), input.0, words);
+            hold(made(kind).tables.model(), input.0, words)
         }
         1 => {
             let words = input.pair() % 16385;
             let length = usize::from(input.pair()).min(input.0.len());
             let (section, cold) = input.0.split_at(length);
-            if let Some(model) = Model::read(kind, section) {
-                hold(&model, cold, words);
-            }
+            Model::read(kind, section).is_some_and(|model| hold(&model, cold, words))
         }
         2 => {
             let mut pages = Vec::new();
@@ -88,17 +121,18 @@ pub fn run(data: &[u8]) {
                     assert_eq!(decode(tables.model(), &cold, page.len() as u16).as_ref(), Some(page));
                 }
             }
+            false
         }
         _ => {
             let Made { pages, tables } = made(kind);
             let page = &pages[usize::from(input.pair()) % pages.len()];
-            let Some(mut cold) = tables.encode(page) else { return };
+            let Some(mut cold) = tables.encode(page) else { return false };
             assert_eq!(decode(tables.model(), &cold, page.len() as u16).as_ref(), Some(page));
             while !input.is_empty() {
                 let at = usize::from(input.pair()) % cold.len();
                 cold[at] = input.byte();
             }
-            hold(tables.model(), &cold, page.len() as u16);
+            hold(tables.model(), &cold, page.len() as u16)
         }
     }
 }

@@ -25,3 +25,20 @@ fn kept_inputs_hold_their_claims() {
         }
     }
 }
+
+/// Seeds of cold pages reach the end of decoding: of each kind one by the common tables, and those with a model.
+#[test]
+fn kept_cold_pages_are_decoded() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus/cold");
+    for (kind, least) in [("mh", 3), ("mmh", 3), ("vector", 3)] {
+        let mut found = 0;
+        for file in std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()) {
+            let name = file.file_name().unwrap().to_str().unwrap();
+            if name == format!("{kind}-page") || name.starts_with(&format!("{kind}-model")) {
+                assert!(umbrage_fuzz::cold::decodes(&std::fs::read(&file).unwrap()), "{name}: make the seeds again");
+                found += 1;
+            }
+        }
+        assert!(found >= least, "{kind}: {found}");
+    }
+}
