@@ -97,14 +97,14 @@ impl Foresight {
         let mut found: Vec<(u32, u32)> = Vec::new();
         let mut looked = 0;
         while let Some(page) = open.pop() {
-            for (child, bounds) in residency.children(page) {
+            for (child, told) in residency.children(page) {
                 looked += 1;
                 if looked > MOST_BOXES {
                     open.clear();
                     break;
                 }
                 let Some(record) = record(child) else { continue };
-                let Some(span) = self.span(&record, &bounds) else { continue };
+                let Some(span) = self.span(&record, &told.bounds) else { continue };
                 let Some(weight) = self.weight(&then, &span, record.level_coarsest) else { continue };
                 if residency.is_resident(child) {
                     open.push(child);

@@ -35,7 +35,7 @@ use crate::query::pool::NOT_RESIDENT;
 use budget::{BLOCK_BYTES, MAX_DIRTY};
 use failure::Failures;
 use resident::{Resident, Residents};
-use slots::{BLOCK_WORDS, Slots, UNIT_WORDS, class_of};
+use slots::{BLOCK_WORDS, Slots, UNIT_WORDS, class_of, slot_words};
 
 /// Rounds for which a page is kept that has come and can't have been used yet: feedback is late by that much.
 const GRACE: u64 = 3;
@@ -61,6 +61,15 @@ pub struct Config {
     pub host_bytes: u64,
 }
 
+/// What the index says of a page before it is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Child {
+    /// Of its answers.
+    pub bounds: Bounds,
+    /// Its words in the pool, a list of dependencies behind them included.
+    pub words: u32,
+}
+
 /// A page that has been read and checked.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LoadedPage {
@@ -71,7 +80,7 @@ pub struct LoadedPage {
     /// Its children.
     pub child_count: u16,
     /// What the index says of each of them, in order; empty where the index can't be read.
-    pub children: Arc<[Bounds]>,
+    pub children: Arc<[Child]>,
     /// Shared pages it needs.
     pub dependencies: Vec<u32>,
     /// Its words, frame included, in host order; in kind `mmh` the dependencies behind them.
@@ -159,8 +168,8 @@ struct Want {
     weight: u32,
     /// Whether a receiver missed it in that round; else it was foreseen.
     needed: bool,
-    /// Its size, known once it has been read.
-    class: Option<u8>,
+    /// Its words in the pool, where the index has been asked or the page been read.
+    words: Option<u32>,
     state: State,
 }
 
@@ -168,6 +177,11 @@ struct Want {
 type Rank = (Reverse<(bool, u32)>, u32, u32);
 
 impl Want {
+    /// Bytes that are kept free for it while it is being read.
+    fn bytes(&self) -> u64 {
+        self.words.map_or(BLOCK_BYTES, |w| u64::from(w) * 4)
+    }
+
     fn rank(&self, ordinal: u32) -> Rank {
         (Reverse((self.needed, self.weight)), self.depth, ordinal)
     }
@@ -190,6 +204,7 @@ pub struct Residency {
     queue: BTreeSet<Rank>,
     ready: BTreeSet<Rank>,
     loading: u64,
+    loading_bytes: u64,
     ready_bytes: u64,
     failures: Failures,
     dirty: BTreeSet<u32>,
@@ -211,6 +226,7 @@ impl Residency {
             queue: BTreeSet::new(),
             ready: BTreeSet::new(),
             loading: 0,
+            loading_bytes: 0,
             ready_bytes: 0,
             failures: Failures::default(),
             dirty: BTreeSet::new(),
@@ -247,7 +263,7 @@ impl Residency {
     }
 
     /// A resident page's children and what the index says of each, as far as that is known.
-    pub fn children(&self, ordinal: u32) -> impl Iterator<Item = (u32, Bounds)> {
+    pub fn children(&self, ordinal: u32) -> impl Iterator<Item = (u32, Child)> {
         let page = self.residents.get(ordinal);
         (page.map_or(0, |p| p.first_child)..).zip(page.map(|p| &p.children[..]).unwrap_or_default().iter().copied())
     }
@@ -296,9 +312,10 @@ impl Residency {
         if ordinal >= self.config.pages || self.is_resident(ordinal) || self.failures.waits(ordinal, self.frames) {
             return;
         }
+        let words = self.residents.told(ordinal).map(|c| c.words);
         let want = self.wants.entry(ordinal).or_insert_with(|| {
             self.queue.insert((Reverse((needed, weight)), depth, ordinal));
-            Want { depth, asked, weight, needed, class: None, state: State::Queued }
+            Want { depth, asked, weight, needed, words, state: State::Queued }
         });
         let (before, again) = (want.rank(ordinal), want.asked == asked);
         // What was said in this round stays if it is more; what was said in an earlier one is forgotten.
@@ -351,11 +368,18 @@ impl Residency {
 
     /// A page that [`abandoned`](Self::abandoned) named will not be read.
     pub fn cancelled(&mut self, ordinal: u32) {
-        if self.wants.get(&ordinal).is_some_and(|w| matches!(w.state, State::Loading)) {
-            self.loading -= 1;
+        if self.forget_load(ordinal) {
             self.stats.cancelled += 1;
-            self.wants.remove(&ordinal);
         }
+    }
+
+    /// Takes a page that is being read out of the wanted.
+    fn forget_load(&mut self, ordinal: u32) -> bool {
+        let Some(want) = self.wants.get(&ordinal).filter(|w| matches!(w.state, State::Loading)) else { return false };
+        self.loading -= 1;
+        self.loading_bytes -= want.bytes();
+        self.wants.remove(&ordinal);
+        true
     }
 
     fn is_stale(&self, ordinal: u32, want: &Want) -> bool {
@@ -365,16 +389,25 @@ impl Residency {
     /// Ordinals to load now, those that weigh most first; none while host memory is spoken for.
     pub fn loads(&mut self) -> Vec<u32> {
         let mut out = Vec::new();
-        while (self.loading + 1) * BLOCK_BYTES + self.ready_bytes <= self.config.host_bytes {
-            let Some((_, depth, ordinal)) = self.queue.pop_first() else { break };
+        if self.queue.is_empty() {
+            return out;
+        }
+        let slot = |w: &Want| w.words.and_then(class_of).map_or(u64::from(BLOCK_WORDS), |c| slot_words(c).into());
+        let coming = self.wants.values().filter(|w| matches!(w.state, State::Loading | State::Ready(_)));
+        let mut coming: u64 = coming.map(slot).sum();
+        let (free, past) = (self.slots.free_words(), self.residents.past_words());
+        while let Some(&(_, depth, ordinal)) = self.queue.first() {
+            let bytes = self.wants.get(&ordinal).map_or(0, Want::bytes);
+            if self.loading_bytes + bytes + self.ready_bytes > self.config.host_bytes {
+                break;
+            }
+            self.queue.pop_first();
             let Some(want) = self.wants.get_mut(&ordinal) else { continue };
-            // A page that was never read may be of any size: one at a time is tried.
-            let room = match want.class {
-                Some(class) => self.slots.has_room(class),
-                None if self.loading == 0 && self.ready.is_empty() => self.slots.has_any_room(),
-                None => self.slots.has_room(0),
-            };
-            let hopeless = !room && self.residents.victim(depth, want.needed).is_none();
+            let words = slot(want);
+            // What would come and find no place would be read again, for ever. Where pages that are in use must go for it,
+            // one at a time is tried.
+            let room = coming + words <= free + past;
+            let hopeless = !room && (coming != 0 || self.residents.victim(depth, want.needed).is_none());
             if hopeless {
                 // Reading what can't be kept would only wear the disk.
                 want.state = State::Parked(self.frames + PARKED);
@@ -382,6 +415,8 @@ impl Residency {
             }
             want.state = State::Loading;
             self.loading += 1;
+            self.loading_bytes += bytes;
+            coming += words;
             out.push(ordinal);
         }
         out
@@ -394,18 +429,16 @@ impl Residency {
             return;
         };
         self.loading -= 1;
+        self.loading_bytes -= want.bytes();
         self.ready_bytes += page.words.len() as u64 * 4;
         self.ready.insert(want.rank(page.ordinal));
-        want.class = class_of(page.words.len() as u32);
+        want.words = Some(page.words.len() as u32);
         want.state = State::Ready(page);
     }
 
     /// A page that [`loads`](Self::loads) named could not be read; `true` the first time, when it is to be reported.
     pub fn failed(&mut self, ordinal: u32) -> bool {
-        if self.wants.get(&ordinal).is_some_and(|w| matches!(w.state, State::Loading)) {
-            self.loading -= 1;
-            self.wants.remove(&ordinal);
-        }
+        self.forget_load(ordinal);
         self.failures.note(ordinal, self.frames)
     }
 

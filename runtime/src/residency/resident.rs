@@ -8,7 +8,8 @@ use std::sync::Arc;
 
 use umbrage_reader::query::Bounds;
 
-use super::GRACE;
+use super::slots::{class_of, slot_words};
+use super::{Child, GRACE};
 
 /// No place.
 const NIL: u32 = u32::MAX;
@@ -29,7 +30,7 @@ pub struct Resident {
     /// Its children.
     pub child_count: u16,
     /// What the index says of each, in order; empty where that is not known.
-    pub children: Arc<[Bounds]>,
+    pub children: Arc<[Child]>,
     /// Pages above it; for a shared page those above the first that asked for it.
     pub depth: u32,
     /// Round of its last use.
@@ -43,6 +44,11 @@ pub struct Resident {
 }
 
 impl Resident {
+    /// Words of its slot.
+    fn slot(&self) -> u64 {
+        class_of(self.words).map_or(0, |c| slot_words(c).into())
+    }
+
     fn may_go(&self) -> bool {
         self.dependents == 0 && !self.pinned
     }
@@ -53,9 +59,11 @@ impl Resident {
 struct List {
     head: u32,
     tail: u32,
+    /// Of their slots.
+    words: u64,
 }
 
-const EMPTY: List = List { head: NIL, tail: NIL };
+const EMPTY: List = List { head: NIL, tail: NIL, words: 0 };
 
 #[derive(Debug)]
 struct Cell {
@@ -124,9 +132,14 @@ impl Residents {
     }
 
     /// What the index says of a page whose parent is resident.
-    pub fn bounds(&self, ordinal: u32) -> Option<Bounds> {
+    pub fn told(&self, ordinal: u32) -> Option<&Child> {
         let parent = self.get(self.parent(ordinal)?)?;
-        parent.children.get(ordinal.checked_sub(parent.first_child)? as usize).copied()
+        parent.children.get(ordinal.checked_sub(parent.first_child)? as usize)
+    }
+
+    /// Of that, the bounds of its answers.
+    pub fn bounds(&self, ordinal: u32) -> Option<Bounds> {
+        self.told(ordinal).map(|c| c.bounds)
     }
 
     /// A new round begins: what was used in the one before is past.
@@ -143,6 +156,7 @@ impl Residents {
                 tail => self.link(USE, tail, done.head),
             }
             self.past.tail = done.tail;
+            self.past.words += done.words;
         }
     }
 
@@ -176,7 +190,7 @@ impl Residents {
     /// Takes a page out of both orders.
     fn leave(&mut self, place: u32) {
         let Some(cell) = self.cell(place) else { return };
-        let (page, links) = ((cell.page.stamp, cell.page.depth), cell.links);
+        let (page, links, words) = ((cell.page.stamp, cell.page.depth), cell.links, cell.page.slot());
         for (order, [before, behind]) in links.into_iter().enumerate() {
             self.link(order, before, behind);
             let list = self.list(order, page);
@@ -186,13 +200,14 @@ impl Residents {
             if list.tail == place {
                 list.tail = before;
             }
+            list.words -= words;
         }
     }
 
     /// Puts a page into both orders.
     fn join(&mut self, place: u32) {
         let Some(cell) = self.cell(place) else { return };
-        let page = (cell.page.stamp, cell.page.depth);
+        let (page, words) = ((cell.page.stamp, cell.page.depth), cell.page.slot());
         // Behind all that were used no later: of the past, where needs become free long after their last use, from the front.
         let mut behind = NIL;
         if page.0 < self.round {
@@ -216,6 +231,7 @@ impl Residents {
             if behind == NIL {
                 list.tail = place;
             }
+            list.words += words;
         }
     }
 
@@ -295,6 +311,11 @@ impl Residents {
             c.page.at = to;
             c.page.words
         })
+    }
+
+    /// Words of the slots that become free at once when all go that were not used in this round.
+    pub fn past_words(&self) -> u64 {
+        self.past.words
     }
 
     /// Who goes for a page of `depth`: the least recently used if it was not used in this round, else, for a page that

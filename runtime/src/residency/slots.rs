@@ -73,11 +73,6 @@ impl Slots {
         !self.free.is_empty() || self.hole_count[usize::from(class)] != 0
     }
 
-    /// Whether there is room for a page of some class.
-    pub fn has_any_room(&self) -> bool {
-        !self.free.is_empty() || self.hole_count.iter().any(|&holes| holes != 0)
-    }
-
     /// Takes a slot; gives its first word.
     pub fn alloc(&mut self, class: u8, owner: u32) -> Option<u32> {
         let c = usize::from(class);
@@ -148,6 +143,12 @@ impl Slots {
     fn place(&self, word: u32) -> (u32, usize) {
         let number = word / BLOCK_WORDS;
         (number, (word % BLOCK_WORDS / slot_words(self.blocks[number as usize].class)) as usize)
+    }
+
+    /// Words of all holes and free blocks; no class can have more.
+    pub fn free_words(&self) -> u64 {
+        let holes: u64 = (0u8..).zip(&self.hole_count).map(|(c, &n)| u64::from(n) * u64::from(slot_words(c))).sum();
+        self.free.len() as u64 * u64::from(BLOCK_WORDS) + holes
     }
 
     /// Who lives at a word of the pool.

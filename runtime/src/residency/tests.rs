@@ -37,10 +37,14 @@ impl Pages {
             ordinal,
             first_child,
             child_count,
-            children: (first_child..first_child + u32::from(child_count)).map(bounds).collect(),
+            children: (first_child..first_child + u32::from(child_count)).map(|o| self.told(o)).collect(),
             dependencies: Vec::new(),
             words: vec![ordinal; words as usize].into(),
         }
+    }
+
+    fn told(&self, ordinal: u32) -> Child {
+        Child { bounds: bounds(ordinal), words: self.records[ordinal as usize].2 }
     }
 
     fn config(&self, blocks: u32) -> Config {
@@ -165,7 +169,9 @@ impl World {
             r.wants.values().map(|w| if let State::Ready(p) = &w.state { p.words.len() as u64 * 4 } else { 0 }).sum();
         let loading = r.wants.values().filter(|w| matches!(w.state, State::Loading)).count() as u64;
         assert_eq!((ready, loading), (r.ready_bytes, r.loading));
-        assert!(ready + loading * BLOCK_BYTES <= r.config.host_bytes, "host memory");
+        let reserved = |w: &Want| if matches!(w.state, State::Loading) { w.bytes() } else { 0 };
+        assert_eq!(r.loading_bytes, r.wants.values().map(reserved).sum::<u64>());
+        assert!(ready + r.loading_bytes <= r.config.host_bytes, "host memory");
     }
 }
 
@@ -345,8 +351,7 @@ fn what_weighs_most_is_loaded_first_and_what_is_foreseen_last() {
     // Said again in the same round: the larger weight stays, and a receiver that misses it now counts more than foresight.
     r.request(1, 30);
     r.foresee(2, 1);
-    // As many as host memory holds.
-    assert_eq!(r.loads(), [2, 1, 3, 5]);
+    assert_eq!(r.loads(), [2, 1, 3, 5, 4]);
     for ordinal in [5, 3] {
         r.loaded(world.pages.page(ordinal));
     }

@@ -7,11 +7,11 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use umbrage_format::Kind;
+use umbrage_format::{Kind, PageRecord};
 use umbrage_reader::query::Bounds;
 use umbrage_reader::{ReaderError, Structure};
 
-use crate::residency::LoadedPage;
+use crate::residency::{Child, LoadedPage};
 
 /// What became of a page.
 pub type Outcome = (u32, Result<LoadedPage, ReaderError>);
@@ -134,8 +134,11 @@ pub fn load(structure: &Structure, ordinal: u32) -> Result<LoadedPage, ReaderErr
     };
     // The children's records stand together. Where they can't be read, the children can't be loaded either, and say why.
     let children = record.first_child.get()..record.children_end();
-    let children: Result<Vec<Bounds>, ReaderError> =
-        children.map(|o| structure.page_record(o).map(|r| Bounds::of(&r))).collect();
+    let told = |r: PageRecord| {
+        let list = if structure.kind() == Kind::Mmh { r.dep_count.get() } else { 0 };
+        Child { bounds: Bounds::of(&r), words: u32::from(r.hot_words.get()) + u32::from(list) }
+    };
+    let children: Result<Vec<Child>, ReaderError> = children.map(|o| structure.page_record(o).map(told)).collect();
     Ok(LoadedPage {
         ordinal,
         first_child: record.first_child.get(),
