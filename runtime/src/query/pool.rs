@@ -200,7 +200,7 @@ impl<'a> Pool<'a> {
         let (state, page) = (d.state(depth), d.page);
         match self.bounds(d.missing).and_then(|(bounds, error)| bounds.settle(depth, d.value, error)) {
             Some(lit) => {
-                let state = state & !(LIT | ANCESTOR) | u32::from(lit) * LIT | EXACT | SETTLED;
+                let state = (state & !(LIT | ANCESTOR)) | (u32::from(lit) * LIT) | EXACT | SETTLED;
                 Shadow { state, missing: NONE, page }
             }
             None => Shadow { state, missing: d.missing, page },

@@ -41,6 +41,9 @@ const RATES: Rates = Rates { frame: 1.0 / 60.0, bytes_per_second: 500e6, latency
 /// A receiver of a frame: texel, depth rounded up, level.
 pub type Asked = ([u32; 2], u32, u8);
 
+/// A camera, and what its pixels ask for.
+type Seen = (Viewpoint, Vec<Asked>);
+
 /// Runs the suite.
 ///
 /// # Errors
@@ -77,7 +80,7 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
         let flight = Flight::parse(json).map_err(Failure::input)?;
         let model = scenes::load(name, args.policy)?;
         // Both kinds have the same lattice where they have the same resolution.
-        let mut seen: Option<(u64, Vec<(Viewpoint, Vec<Asked>)>)> = None;
+        let mut seen: Option<(u64, Vec<Seen>)> = None;
         for kind in [Kind::Vector, Kind::Mh] {
             // A file of kind mh of a million texels a side would be 15 GB.
             let resolution = if kind == Kind::Mh { resolution.min(1 << 16) } else { resolution };
@@ -198,7 +201,7 @@ struct Flown {
     starved: u32,
 }
 
-fn fly(container: &Container, frames: &[(Viewpoint, Vec<Asked>)], budget: u64, ahead: f64) -> Result<Flown, Failure> {
+fn fly(container: &Container, frames: &[Seen], budget: u64, ahead: f64) -> Result<Flown, Failure> {
     let mut device = Device::new(container, budget, RATES)?;
     let mut flown = Flown { budget: device.budget(), ..Flown::default() };
     let (mut pixels, mut coarse) = (0u64, 0u64);

@@ -195,7 +195,7 @@ impl Device {
         let mut frame = Frame::default();
         let mut missed: HashMap<u32, u32> = HashMap::new();
         let mut used = vec![0u32; self.words.len() / (UNIT_WORDS as usize * 32) + 1];
-        let roots = u32::from(self.structure.record().root_count.get());
+        let roots = self.structure.record().root_count.get();
         for &([x, y], depth, level) in asked {
             let shadow = pool.shadow(0, [x, y], level.into(), depth);
             frame.coarse += u64::from(shadow.state & ANCESTOR != 0);
