@@ -6,16 +6,19 @@
 pub mod attack;
 
 use std::path::PathBuf;
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
 use attack::probe::{Case, Found, bake_to, hold, probe};
 use attack::shapes::*;
 use attack::{ATTACKS, Attack, KINDS, LIGHTS};
 use rayon::prelude::*;
+use umbrage::certify::Oracle;
+use umbrage::reader::query::Map;
+use umbrage::reader::{Container, FileSource, Limits};
 use umbrage::writer::bake::BakeError;
 use umbrage::writer::mesh::Mesh;
-use umbrage::writer::solid::{Policy, SolidError};
+use umbrage::writer::solid::{Policy, SolidError, snap};
 
 /// A folder of one test.
 struct Folder(PathBuf);
@@ -264,4 +267,25 @@ fn planes_too_steep_for_a_page_are_not_stored() {
     }
     assert_eq!((all.outside, all.wrong, &all.faults[..]), (0, 0, &[][..]));
     assert!(all.texels > 20_000 && all.edge > 100 && all.receivers > 100, "{all:?}");
+}
+
+/// Found by `open joints`: two cuts of a square ran less than 2^-18 texel apart, and three texels held parts of the cells on
+/// both sides of them. Each of these was right in the cell between them, whose border with either had been looked at; their own
+/// border had no length and was taken for none.
+#[test]
+fn texels_wider_than_the_cell_between_two_others_are_right() {
+    let attack = ATTACKS.iter().find(|a| a.name == "open joints").unwrap();
+    let (folder, mesh) = (Folder::new("sliver"), (attack.mesh)());
+    let target = folder.0.join("sliver.umb");
+    let (kind, policy, light) = (KINDS[1], Policy::Thickness(0.1), LIGHTS[0]);
+    bake_to(&mesh, &Case { kind, policy, light, resolution: 1024, points: 0 }, &target).unwrap();
+    let file = Container::open(Arc::new(FileSource::open(&target).unwrap()), Limits::default()).unwrap();
+    let map = Map::new(file.structure(0).unwrap()).unwrap();
+    let snapped = snap(&mesh, map.lattice(), policy).unwrap();
+    let oracle = Oracle::new(&snapped);
+    let texels = (240..272).flat_map(|y| (576..608).map(move |x| [x, y]));
+    let held = texels.map(|[x, y]| (oracle.accepts(x, y, map.texel(x, y, 0).unwrap().value), [x, y]));
+    let (wrong, right): (Vec<_>, Vec<_>) = held.partition(|((accepted, _), _)| !accepted);
+    assert_eq!(wrong, []);
+    assert!(right.iter().filter(|((_, certified), _)| *certified).count() > 900);
 }

@@ -13,7 +13,7 @@ pub fn clip_segment(ends: [[f64; 2]; 2], region: &Region<'_>) -> Option<[[f64; 2
 
 /// The part of a segment over a surface, or within a little of it.
 pub fn clip_to_surface(ends: [[f64; 2]; 2], l: &Local) -> Option<[[f64; 2]; 2]> {
-    clip(ends, (0..3).map(|k| [l.a[k] as f64, l.b[k] as f64, l.c[k] as f64]), 1.0 / 512.0)
+    clip(ends, (0..3).map(|k| [l.a[k] as f64, l.b[k] as f64, l.c[k] as f64]), AROUND)
 }
 
 fn clip(ends: [[f64; 2]; 2], planes: impl Iterator<Item = [f64; 3]>, margin: f64) -> Option<[[f64; 2]; 2]> {
@@ -34,8 +34,11 @@ fn clip(ends: [[f64; 2]; 2], planes: impl Iterator<Item = [f64; 3]>, margin: f64
     (from < to).then(|| [at(from), at(to)])
 }
 
-/// The part of a line in the region and a little around it.
-pub fn border(line: &HalfPlane, region: &Region<'_>) -> Option<[[f64; 2]; 2]> {
+/// What [`border`] reaches beyond a region, in lattice steps, so that rounding makes it no shorter.
+pub const AROUND: f64 = 1.0 / 512.0;
+
+/// The part of a line in the region and `margin` lattice steps around it; with a negative one that far inside it.
+pub fn border(line: &HalfPlane, region: &Region<'_>, margin: f64) -> Option<[[f64; 2]; 2]> {
     let (a, b, c) = (line.a as f64, line.b as f64, line.c as f64);
     let n = a * a + b * b;
     let s = region.size as f64;
@@ -47,5 +50,5 @@ pub fn border(line: &HalfPlane, region: &Region<'_>) -> Option<[[f64; 2]; 2]> {
     let p = region.p.map(|v| v as f64);
     let square = [[1.0, 0.0, -p[0]], [-1.0, 0.0, p[0] + s], [0.0, 1.0, -p[1]], [0.0, -1.0, p[1] + s]];
     let lines = region.lines.iter().map(|l| [l.a as f64, l.b as f64, l.c as f64]);
-    clip(ends, square.into_iter().chain(lines), 1.0 / 512.0)
+    clip(ends, square.into_iter().chain(lines), margin)
 }

@@ -2,12 +2,22 @@
 
 use super::{Cell, Cut, DOUBTS, Search};
 use crate::hierarchy::vector::entry::{Entry, EntryId, Palette};
-use crate::hierarchy::vector::segment::{border, clip_to_surface};
+use crate::hierarchy::vector::segment::{AROUND, border, clip_segment, clip_to_surface};
 use crate::hierarchy::vector::texels::allows;
 use crate::interval::proof::{HalfPlane, Region};
 use crate::interval::texel::texel;
 use crate::interval::triangle::{Cover, Local};
 use crate::interval::{Event, wide};
+
+/// What is known of the texels that two cells share.
+enum Border {
+    /// Each cell's entry is right in the other one, too, as far as such texels reach.
+    Right,
+    /// Those inside which a part of this segment lies have an empty area interval.
+    Empty(Option<[[f64; 2]; 2]>),
+    /// Nothing.
+    Unknown,
+}
 
 impl Search<'_> {
     /// Whether all cells fit together, and every centre is told to be in the right one.
@@ -19,12 +29,19 @@ impl Search<'_> {
                 // a tip's plane is right for texels that lie inside its cell, and for centres of edge texels
                 let (a, b) = (&self.cells[i], &self.cells[j]);
                 let same = a.entry == b.entry && a.tip.is_none() && b.tip.is_none();
-                if !same && !self.apart(i, j, p, size) {
-                    let far = self.meet_far(i, j, p, size);
-                    self.shared(i, j, p, size, far.as_deref());
-                    if self.doubtful.len() > most {
-                        return false;
+                if same {
+                    continue;
+                }
+                match self.border(i, j, p, size) {
+                    Border::Right => continue,
+                    Border::Empty(part) => self.shared(i, j, p, size, None, part),
+                    Border::Unknown => {
+                        let far = self.meet_far(i, j, p, size);
+                        self.shared(i, j, p, size, far.as_deref(), None);
                     }
+                }
+                if self.doubtful.len() > most {
+                    return false;
                 }
             }
         }
@@ -65,8 +82,16 @@ impl Search<'_> {
     }
 
     /// Puts the texels that both cells may share on the list of those that are looked at one by one, but for those that lie
-    /// in all `far` half-planes.
-    fn shared(&mut self, i: usize, j: usize, p: [i64; 2], size: i64, far: Option<&[HalfPlane]>) {
+    /// in all `far` half-planes, and those inside which the segment `empty` has a part.
+    fn shared(
+        &mut self,
+        i: usize,
+        j: usize,
+        p: [i64; 2],
+        size: i64,
+        far: Option<&[HalfPlane]>,
+        empty: Option<[[f64; 2]; 2]>,
+    ) {
         let (a, b) = (&self.cells[i], &self.cells[j]);
         let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return };
         let cut = a.path[at].0;
@@ -87,7 +112,11 @@ impl Search<'_> {
                 (q[u], q[t]) = (n * texel, m * texel);
                 let out = |l: &HalfPlane| l.at(q) + (l.a.max(0) + l.b.max(0)) * texel <= 0;
                 let inside = |l: &HalfPlane| l.at(q) + (l.a.min(0) + l.b.min(0)) * texel >= 0;
-                if !lines.iter().any(out) && !far.is_some_and(|far| far.iter().all(inside)) {
+                if lines.iter().any(out) || far.is_some_and(|far| far.iter().all(inside)) {
+                    continue;
+                }
+                let square = Region { p: q.map(|v| v + 1), size: texel - 2, lines: &[], shear: [0.0; 2] };
+                if empty.is_none_or(|e| clip_segment(e, &square).is_none()) {
                     self.doubtful.push(q);
                 }
             }
@@ -119,10 +148,10 @@ impl Search<'_> {
         allows(entry, truth.interval.guarded(self.guard), self.texel_at(q), 0, self.scale)
     }
 
-    /// Whether every texel that both cells share has an empty area interval, or is shared with a border of no length.
-    fn apart(&mut self, i: usize, j: usize, p: [i64; 2], size: i64) -> bool {
+    /// What is known of the texels that both cells share.
+    fn border(&mut self, i: usize, j: usize, p: [i64; 2], size: i64) -> Border {
         let (a, b) = (&self.cells[i], &self.cells[j]);
-        let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return false };
+        let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return Border::Unknown };
         let (cut, _) = a.path[at];
         let mut lines = Vec::new();
         for cell in [a, b] {
@@ -130,14 +159,16 @@ impl Search<'_> {
             lines.extend(self.half_planes(&others));
         }
         let region = Region { p, size, lines: &lines, shear: [0.0; 2] };
-        let Some(border) = border(&self.cuts[cut].inside, &region) else { return true };
+        let line = self.cuts[cut].inside;
+        // Where a third cell lies between them, a texel may be wider than that one.
+        let Some(around) = border(&line, &region, AROUND) else { return Border::Empty(None) };
         let ends_before = |tip: &Cell, other: &Cell| {
             let Some(t) = tip.tip else { return false };
             let e = &self.rays.locals[t.end as usize];
             let f = &self.rays.locals[t.front as usize];
             let apart = |q: &[f64; 2]| (e.z0 - f.z0) + (e.sx - f.sx) * q[0] + (e.sy - f.sy) * q[1];
             // further away the stretch may go on behind the end
-            if border.iter().any(|q| apart(q) > t.far) {
+            if around.iter().any(|q| apart(q) > t.far) {
                 return false;
             }
             let mates = self.edges[e.index as usize].across;
@@ -149,7 +180,7 @@ impl Search<'_> {
                     if l.event == Event::Wall || l.zmin > e.zmax {
                         return true;
                     }
-                    let Some(part) = clip_to_surface(border, l) else { return true };
+                    let Some(part) = clip_to_surface(around, l) else { return true };
                     let slack = 2.0 * (l.eps + e.eps) + 0.01 + ((l.sx - e.sx).abs() + (l.sy - e.sy).abs()) * 0.01;
                     part.iter().all(|q| {
                         let d = (l.z0 - e.z0) + (l.sx - e.sx) * q[0] + (l.sy - e.sy) * q[1];
@@ -158,7 +189,10 @@ impl Search<'_> {
                 })
             })
         };
-        ends_before(a, b) || ends_before(b, a) || self.meets(i, j, cut, &[], p, size)
+        if ends_before(a, b) || ends_before(b, a) {
+            return Border::Empty(border(&line, &region, -AROUND));
+        }
+        if self.meets(i, j, cut, &[], p, size) { Border::Right } else { Border::Unknown }
     }
 
     /// Whether each of two cells' entries is right in the other cell, too, as far as a texel on their border reaches, within
