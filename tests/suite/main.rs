@@ -20,6 +20,7 @@ mod mmh_tree;
 mod openexr;
 mod python;
 mod round_trip;
+mod skip;
 mod spec;
 mod stability;
 #[allow(dead_code, reason = "of the reader's tests, which use all of it")]
