@@ -4,6 +4,8 @@ use umbrage_format::Kind;
 use umbrage_reader::Structure;
 use umbrage_reader::query::{Bounds, Map};
 use umbrage_runtime::query::pool::{EXACT, LEVEL_SHIFT, LIT, OUTSIDE, Pool, SETTLED, Shadow};
+use umbrage_runtime::residency::foresee::Viewpoint;
+use umbrage_runtime::stream::Streamer;
 use umbrage_runtime::{GpuStreamer, Receiver, ViewOptions};
 
 use crate::parity::fill;
@@ -107,4 +109,38 @@ fn what_is_wholly_lit_or_dark_is_never_read() {
     gpu.skip(None);
     let view = gpu.answer_view(&receivers, &ViewOptions::default()).unwrap();
     assert!(view.pixels.iter().all(|p| p.lit && !p.settled) && view.stats.pages_read > 3, "{:?}", view.stats);
+}
+
+/// A camera flies towards a city: pages come that no receiver has missed, and none once it stands still.
+#[test]
+fn pages_that_a_moving_camera_will_need_come_by_themselves() {
+    let structure = opened(shared_city());
+    let mut streamer = Streamer::new(&structure, 64 << 20, 64 << 20, 1).unwrap();
+    let frame = |streamer: &mut Streamer| {
+        streamer.wait(std::time::Duration::from_millis(50));
+        streamer.frame();
+        streamer.feedback([], &[], false);
+    };
+    while !streamer.residency().roots_resident() {
+        frame(&mut streamer);
+    }
+    let axes = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
+    let at = |x: f64| Viewpoint { eye: [x, 30.0, 0.0], axes, half: [0.8, 0.45], pixels: [1280, 720] };
+    let mut named = 0;
+    for n in 0..120 {
+        named += streamer.look(&at(f64::from(n) * 100.0 - 14000.0), 20.0);
+        frame(&mut streamer);
+    }
+    let came = streamer.stats().resident;
+    eprintln!("foreseen: named {named} times, {came} of {} pages came", structure.page_count());
+    assert!(named > 10 && came > 5, "{named} {came}");
+    assert_eq!(streamer.stats().evicted, 0);
+    // Away from it nothing is foreseen, and a camera that stands still foresees nothing.
+    let mut away = Streamer::new(&structure, 64 << 20, 64 << 20, 1).unwrap();
+    while !away.residency().roots_resident() {
+        frame(&mut away);
+    }
+    let back = |x: f64| Viewpoint { axes: [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]], ..at(x) };
+    assert_eq!((0..50).map(|n| away.look(&back(f64::from(n) * -10.0 - 500.0), 20.0)).sum::<usize>(), 0);
+    assert_eq!((0..5).map(|_| streamer.look(&at(-300.0), 20.0)).skip(1).sum::<usize>(), 0);
 }
