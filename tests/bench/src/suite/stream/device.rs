@@ -215,7 +215,7 @@ impl Device {
         let flight: u64 = self.reads.iter().map(|r| r.page.words.len() as u64 * 4).sum();
         // All but the pool and what is on the way is taken whole.
         let fixed = self.budget.used() - self.budget.pool() - self.budget.host;
-        frame.bytes = fixed + self.budget.pool() + flight.min(self.budget.host);
+        frame.bytes = fixed + self.budget.pool() + flight;
         frame.starved = stats.starved;
         self.feedback.push_back((missed, used));
         frame
