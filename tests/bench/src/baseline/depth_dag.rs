@@ -25,10 +25,10 @@
 
 use std::collections::HashMap;
 
-use umbrage::writer::hierarchy::mh::representative;
 use umbrage::writer::interval::Interval;
 
 use super::image::Image;
+use super::tree::{Group, NONE, tree};
 use super::{Baseline, answers_by_value};
 
 /// Level of a block of bit planes.
@@ -37,35 +37,6 @@ const BLOCK: u32 = 3;
 const FINE: u32 = 1 << 20;
 /// Depths in a group.
 const GROUP: usize = 64;
-/// No group of children.
-const NONE: u32 = u32::MAX;
-
-/// The children of a node of MH.
-struct Group {
-    /// Which of them have a depth of their own.
-    own: u8,
-    intervals: [Interval; 4],
-    below: [u32; 4],
-}
-
-/// MH from below: the interval of a square, and the groups under it.
-fn tree(image: &Image, origin: [usize; 2], level: u32, groups: &mut Vec<Group>) -> (Interval, u32) {
-    if level == 0 {
-        return (image.allowed(origin[0], origin[1]), NONE);
-    }
-    let half = 1usize << (level - 1);
-    let children =
-        [0, 1, 2, 3].map(|c| tree(image, [origin[0] + (c & 1) * half, origin[1] + (c >> 1) * half], level - 1, groups));
-    let intervals = children.map(|c| c.0);
-    let (interval, inherits) = representative(intervals);
-    let below = children.map(|c| c.1);
-    if inherits == 15 && below == [NONE; 4] {
-        return (interval, NONE);
-    }
-    groups.push(Group { own: 15 & !inherits, intervals, below });
-    (interval, groups.len() as u32 - 1)
-}
-
 /// A map.
 pub struct DepthDag {
     log2: u32,
@@ -156,8 +127,7 @@ impl DepthDag {
     /// Sides below 8.
     pub fn new(image: &Image) -> DepthDag {
         assert!(image.log2 >= BLOCK);
-        let mut groups = Vec::new();
-        let (interval, group) = tree(image, [0, 0], image.log2, &mut groups);
+        let (interval, group, groups) = tree(image);
         let mut dag = Dag::default();
         let root = match group {
             NONE => dag.place(vec![0]),

@@ -8,7 +8,9 @@
 //! | [`plane_tree`] | Myers 2016: quadtree with planes |
 //! | [`voxel_dag`] | Sintorn et al. 2014, Kämpe et al. 2015: voxels in and out of shadow |
 //! | [`depth_dag`] | Scandolo & Eisemann 2021: merged topology of MH, depths apart |
+//! | [`unpadded`] | Scandolo, Bauszat & Eisemann 2016: MH without the bytes that align its nodes |
 //! | [`plain`] | an array, tiles compressed with zstd, and the product's own kinds |
+//! | [`tree`] | MH in memory, for the two above |
 //! | [`error`] | what is wrong in a method's answers |
 
 pub mod depth_dag;
@@ -17,6 +19,8 @@ pub mod image;
 pub mod plain;
 pub mod plane_tree;
 pub mod scanline;
+pub mod tree;
+pub mod unpadded;
 pub mod voxel_dag;
 
 /// One method with its data.

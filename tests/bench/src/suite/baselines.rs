@@ -24,6 +24,7 @@ use crate::baseline::image::Image;
 use crate::baseline::plain::{Array, Product, Tiles};
 use crate::baseline::plane_tree::PlaneTree;
 use crate::baseline::scanline::{Form, Scanlines};
+use crate::baseline::unpadded::Unpadded;
 use crate::baseline::voxel_dag::VoxelDag;
 use crate::plot::{Plot, Series};
 use crate::random::Random;
@@ -97,7 +98,8 @@ pub fn close(report: &mut Report) {
     );
     report.notes.push(
         "bytes of vector, mmh, mh: whole files, which answer all levels; MH is the paper's layout (4 bytes a leaf, 4 an \
-         empty node, 8 an inner one); of the others only the depth DAG holds coarser levels, and none is asked for them"
+         empty node, 8 an inner one); of the others only the depth DAG and MH, unpadded, hold coarser levels, and none is \
+         asked for them"
             .to_string(),
     );
     plots(report);
@@ -163,6 +165,7 @@ impl<'a> Bench<'a> {
         make(&|| Ok(Box::new(PlaneTree::new(&image))))?;
         make(&|| Ok(Box::new(VoxelDag::new(&image))))?;
         make(&|| Ok(Box::new(DepthDag::new(&image))))?;
+        make(&|| Ok(Box::new(Unpadded::new(&image))))?;
         Ok(Bench { model, light, resolution, paper, mesh, image: Some(image), methods })
     }
 
@@ -401,7 +404,7 @@ mod tests {
         let image = bench.image.as_ref().expect("a small map");
         let errors: Vec<(String, u64)> =
             bench.methods.iter().map(|m| (m.0.name(), Errors::of(&*m.0, image, Some(&oracle)).outside)).collect();
-        assert_eq!(errors.len(), 11);
+        assert_eq!(errors.len(), 12);
         for (name, outside) in &errors {
             let loses = name.starts_with("plane tree") || name.starts_with("voxel DAG");
             assert_eq!(*outside > 0, loses, "{errors:?}");

@@ -1,5 +1,5 @@
 //! `report`: every method on every scene from 1,024 texels a side to the largest that it can reach, and in a few words how
-//! the product's kinds stand. `BASELINES.md` beside this folder holds figures of a first run.
+//! the product's kinds stand. `REPORT.md` beside this folder holds the figures of a whole run.
 
 use serde_json::Value;
 
