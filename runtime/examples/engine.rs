@@ -46,7 +46,7 @@ pub fn run(file: &Path, frames: u32) -> Result<u64, Box<dyn Error>> {
     };
     let (maps, own) = (group(0, &shadows.buffers()), group(1, &[&sun, &lit]));
     for _ in 0..frames {
-        shadows.begin();
+        shadows.begin(&[]);
         let mut encoder = device.create_command_encoder(&Default::default());
         shadows.record(&mut encoder);
         let mut pass = encoder.begin_compute_pass(&Default::default());

@@ -3,7 +3,7 @@
 use umbrage_format::Kind;
 use umbrage_reader::ReaderError;
 
-use crate::residency::BudgetError;
+use crate::residency::{BudgetError, TableFull};
 
 /// Why a streamer could not be made or a view not be answered.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -15,6 +15,35 @@ pub enum RuntimeError {
     /// The budget is too small for the structure.
     #[error(transparent)]
     Budget(#[from] BudgetError),
+    /// The page table has no room for a structure.
+    #[error(transparent)]
+    Table(#[from] TableFull),
+    /// The pool, as large as the device binds it, is too small for the structures.
+    #[error(
+        "the structures need {needed} blocks of 64 KiB, and the pool has {blocks}, which is what the device binds; detach one, or \
+         use a second streamer"
+    )]
+    Pool {
+        /// Blocks that would do.
+        needed: u32,
+        /// Blocks of the pool.
+        blocks: u32,
+    },
+    /// More structures than the device is told of.
+    #[error("{most} structures are attached, which is the most; detach one")]
+    Structures {
+        /// That number.
+        most: u32,
+    },
+    /// The structure that was named has been detached.
+    #[error("the structure has been detached")]
+    Gone,
+    /// Other structures have all rectangles for stale regions.
+    #[error("all {most} stale regions are in other structures; clear some, or swap in new versions of those")]
+    Stale {
+        /// That number.
+        most: u32,
+    },
     /// The roots wait for pages that never fit, or that wait for each other.
     #[error("the roots need pages that do not fit {budget} bytes or need each other ({resident} pages came in)")]
     Roots {

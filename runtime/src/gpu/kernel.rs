@@ -104,7 +104,7 @@ impl Kernels {
         Ok(Queries { buffer, range, group, count: u32::try_from(queries.len()).unwrap_or(u32::MAX) })
     }
 
-    /// Answers `count` queries from `first`, on root `root`. One dispatch of these queries for each submission: the
+    /// Answers queries on a root of the structure with that number. One dispatch of these queries for each submission: the
     /// range is written to the queue.
     #[allow(clippy::too_many_arguments)]
     pub fn dispatch(
@@ -114,12 +114,12 @@ impl Kernels {
         structure: &wgpu::BindGroup,
         entry: Entry,
         queries: &Queries,
-        root: u32,
+        [root, number]: [u32; 2],
         range: std::ops::Range<u32>,
     ) {
         let end = range.end.min(queries.count / entry.words() as u32);
         let Some(count) = end.checked_sub(range.start).filter(|&n| n != 0) else { return };
-        queue.write_buffer(&queries.range, 0, bytemuck::bytes_of(&[range.start, count, root, 0]));
+        queue.write_buffer(&queries.range, 0, bytemuck::bytes_of(&[range.start, count, root, number]));
         let groups = count.div_ceil(shader::WORKGROUP);
         let across = groups.min(MOST_GROUPS);
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());

@@ -1,4 +1,4 @@
-//! Buffers of one structure and the steps of a frame.
+//! The buffers and the steps of a frame.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,9 +10,10 @@ use super::transfer::{Readback, Staging};
 use crate::error::RuntimeError;
 use crate::query::filter::FilterQuery;
 use crate::residency::budget::{BLOCK_BYTES, READBACK_BUFFERS, STAGING_BUFFERS};
+use crate::residency::foresee::Viewpoint;
 use crate::residency::{ABSENT, Entry as TableEntry, Frame, Op};
 use crate::shader::{self, FEEDBACK_HEAD, FEEDBACK_USED, View};
-use crate::stream::Streamer;
+use crate::stream::{FrameStats, Streamer, StructureId};
 
 /// Threads that load pages.
 const LOADERS: usize = 2;
@@ -28,9 +29,14 @@ pub struct Report {
     pub missed: u32,
     /// Queries of the runtime's own kernels that an ancestor answered.
     pub approximate: u32,
+    /// Levels by which the coarsest answer of an ancestor was above the level asked for.
+    pub worst_levels: u32,
 }
 
-/// A structure on a device of the caller's.
+/// Structures on a device of the caller's: one budget, one group of bindings.
+///
+/// They are attached, detached, replaced and marked as stale through [`streamer_mut`](Self::streamer_mut), between frames.
+/// Shaders choose one by `umb_select(id.index())`.
 ///
 /// A frame is [`begin`](Self::begin), [`record`](Self::record), the caller's passes, [`end`](Self::end), and the
 /// caller's submission of the encoder; none of them waits. An encoder that went through `record` or `end` must be
@@ -43,7 +49,9 @@ pub struct GpuStreamer {
     pool: wgpu::Buffer,
     table: wgpu::Buffer,
     feedback: wgpu::Buffer,
-    view: wgpu::Buffer,
+    uniform: wgpu::Buffer,
+    view: Box<View>,
+    selected: Option<StructureId>,
     scratch: wgpu::Buffer,
     staging: Staging,
     readback: Readback,
@@ -98,8 +106,9 @@ pub(super) fn filled(
 }
 
 impl GpuStreamer {
-    /// Makes the buffers, all of them within `budget_bytes`, and brings in the roots: this one call waits for reads
-    /// and for the device. A budget beyond what the device binds in one buffer (128 MiB on many) is used up to that.
+    /// For one structure that stays: makes the buffers, all of them within `budget_bytes`, and brings in the roots. This
+    /// call waits for reads and for the device. A budget beyond what the device binds in one buffer (128 MiB on many) is
+    /// used up to that.
     ///
     /// # Errors
     /// The budget is too small, a buffer larger than the device binds, or a root can't be read.
@@ -110,33 +119,44 @@ impl GpuStreamer {
         budget_bytes: u64,
     ) -> Result<Self, RuntimeError> {
         let streamer = Streamer::new(structure, budget_bytes, largest(device), LOADERS)?;
+        let mut this = Self::over(device, queue, streamer)?;
+        this.wait_ready()?;
+        Ok(this)
+    }
+
+    /// For structures that come and go: makes the buffers, all of them within `budget_bytes`, with a page table of `table`
+    /// entries; see [`Streamer::with_table`].
+    ///
+    /// # Errors
+    /// The budget is too small, or a buffer larger than the device binds.
+    pub fn with_table(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        budget_bytes: u64,
+        table: u32,
+    ) -> Result<Self, RuntimeError> {
+        Self::over(device, queue, Streamer::with_table(budget_bytes, table, largest(device), LOADERS)?)
+    }
+
+    fn over(device: &wgpu::Device, queue: &wgpu::Queue, streamer: Streamer) -> Result<Self, RuntimeError> {
         let budget = *streamer.budget();
         fits(device, "the page table", budget.table)?;
         fits(device, "the feedback", budget.feedback)?;
         let storage = wgpu::BufferUsages::STORAGE;
         let pool = filled(device, "umbrage pool", budget.pool(), storage, &[])?;
-        let pages = structure.page_count();
-        let absent = vec![ABSENT; pages.max(1) as usize];
+        let absent = vec![ABSENT; streamer.table().max(1) as usize];
         let table = filled(device, "umbrage table", budget.table, storage, bytemuck::cast_slice(&absent))?;
         let feedback = filled(device, "umbrage feedback", budget.feedback, storage, &[])?;
         let scratch = filled(device, "umbrage scratch", BLOCK_BYTES, wgpu::BufferUsages::empty(), &[])?;
         let used_words = budget.feedback / 4 - u64::from(FEEDBACK_USED);
-        let view = View {
+        let view: Box<View> = Box::new(View {
             pool_words: (budget.pool() / 4) as u32,
-            pages,
-            log2_resolution: structure.record().log2_resolution.into(),
+            pages: streamer.table(),
             used_words: used_words as u32,
-            kind: structure.kind().code(),
-            skips: 1,
-            error: 0,
-        };
-        let view = filled(
-            device,
-            "umbrage view",
-            size_of::<View>() as u64,
-            wgpu::BufferUsages::UNIFORM,
-            bytemuck::bytes_of(&view),
-        )?;
+            ..bytemuck::Zeroable::zeroed()
+        });
+        let bytes = bytemuck::bytes_of(&*view);
+        let uniform = filled(device, "umbrage view", bytes.len() as u64, wgpu::BufferUsages::UNIFORM, bytes)?;
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("umbrage"),
             entries: &[
@@ -146,7 +166,7 @@ impl GpuStreamer {
                 entry(3, wgpu::BufferBindingType::Uniform),
             ],
         });
-        let buffers = [&pool, &table, &feedback, &view];
+        let buffers = [&pool, &table, &feedback, &uniform];
         let entries: Vec<_> = (0..)
             .zip(buffers)
             .map(|(binding, b)| wgpu::BindGroupEntry { binding, resource: b.as_entire_binding() })
@@ -156,14 +176,16 @@ impl GpuStreamer {
             layout: &layout,
             entries: &entries,
         });
-        let mut this = Self {
+        Ok(Self {
             device: device.clone(),
             queue: queue.clone(),
             streamer,
             pool,
             table,
             feedback,
+            uniform,
             view,
+            selected: None,
             scratch,
             staging: Staging::new(device, STAGING_BUFFERS, budget.staging),
             readback: Readback::new(device, READBACK_BUFFERS, budget.feedback),
@@ -171,12 +193,15 @@ impl GpuStreamer {
             group,
             kernels: None,
             report: Report::default(),
-        };
-        this.bring_in_roots()?;
-        Ok(this)
+        })
     }
 
-    fn bring_in_roots(&mut self) -> Result<(), RuntimeError> {
+    /// Waits until the roots of all structures have come, those of versions that are to take another's place included. For
+    /// loading screens and tests.
+    ///
+    /// # Errors
+    /// A root can't be read, or finds no room.
+    pub fn wait_ready(&mut self) -> Result<(), RuntimeError> {
         let (mut admitted, mut idle) = (0, 0);
         while !self.streamer.residency().roots_resident() {
             self.streamer.wait(Duration::from_millis(100));
@@ -191,6 +216,8 @@ impl GpuStreamer {
                 return Err(RuntimeError::Roots { resident: now.resident, budget: self.streamer.budget().total });
             }
         }
+        // They begin to answer.
+        self.begin(&[]);
         Ok(())
     }
 
@@ -206,7 +233,7 @@ impl GpuStreamer {
 
     /// The buffers of that group by rising binding, for a caller who makes the group from a layout of its own.
     pub fn buffers(&self) -> [&wgpu::Buffer; 4] {
-        [&self.pool, &self.table, &self.feedback, &self.view]
+        [&self.pool, &self.table, &self.feedback, &self.uniform]
     }
 
     /// Source of the queries, to be put in front of the caller's shader; see [`shader::module`].
@@ -219,18 +246,30 @@ impl GpuStreamer {
         &self.streamer
     }
 
-    /// The CPU side, to ask for pages or to take failures.
+    /// The CPU side: to attach, detach and replace structures, to mark them as stale, to take failures.
     pub fn streamer_mut(&mut self) -> &mut Streamer {
         &mut self.streamer
     }
 
-    /// From the next frame on, receivers for which the index is enough ask for no pages: at first with an error of 0, where
-    /// light and shadow are the same to the bit; with an error in lattice steps also where what stands above a page is off
-    /// by at most that. None: every receiver asks for the pages on its way.
+    /// From the next frame on, receivers for which the index is enough ask for no pages; see [`Streamer::skip`].
     pub fn skip(&mut self, error: Option<u32>) {
-        let words = [u32::from(error.is_some()), error.unwrap_or(0)];
-        let at = std::mem::offset_of!(View, skips) as u64;
-        self.queue.write_buffer(&self.view, at, bytemuck::bytes_of(&words));
+        self.streamer.skip(error);
+    }
+
+    /// Which structure [`answer`](Self::answer), [`filter`](Self::filter) and the views ask from now on; before, the first one.
+    pub fn select(&mut self, id: StructureId) {
+        self.selected = Some(id);
+    }
+
+    /// The structure that was selected, and its number.
+    pub(super) fn selected(&self) -> Result<(&Structure, u32), RuntimeError> {
+        let id = self.selected.or_else(|| self.streamer.structures().next()).ok_or(RuntimeError::Gone)?;
+        Ok((self.streamer.structure(id).ok_or(RuntimeError::Gone)?, id.index()))
+    }
+
+    /// What the last frame was like.
+    pub fn frame_stats(&self) -> FrameStats {
+        self.streamer.frame_stats()
     }
 
     /// What the device said last.
@@ -238,30 +277,53 @@ impl GpuStreamer {
         self.report
     }
 
-    /// First step: takes the feedback that has come back and the pages that have been read; orders others.
-    pub fn begin(&mut self) {
+    /// First step: takes the feedback that has come back and the pages that have been read; orders others, also such as
+    /// the cameras will need if they go on as they came: they stand in `views`, always in the same order.
+    pub fn begin(&mut self, views: &[Viewpoint]) {
+        let _span = tracing::trace_span!("umbrage.begin").entered();
         // Runs the callbacks of finished work; an error means that nothing is finished.
         let _ = self.device.poll(wgpu::PollType::Poll);
         let (streamer, report) = (&mut self.streamer, &mut self.report);
         while self.readback.take(|words| {
-            let [missed, approximate, unlisted] = [0, 1, 2].map(|i: usize| words.get(i).copied().unwrap_or(0));
+            let [missed, approximate, unlisted, worst] =
+                [0, 1, 2, 3].map(|i: usize| words.get(i).copied().unwrap_or(0));
             let slots = words.get(FEEDBACK_HEAD as usize..FEEDBACK_USED as usize).unwrap_or_default();
             let listed = slots.chunks_exact(2).filter(|s| s[0] != 0).map(|s| (s[0] - 1, s[1]));
             let used = words.get(FEEDBACK_USED as usize..).unwrap_or_default();
             streamer.feedback(listed, used, unlisted != 0);
-            *report = Report { number: report.number + 1, missed, approximate };
+            streamer.answered(approximate, worst);
+            *report = Report { number: report.number + 1, missed, approximate, worst_levels: worst };
         }) {}
-        self.streamer.begin();
+        self.streamer.begin(views);
+        if let Some((maps, stale)) = self.streamer.maps() {
+            self.view.tell(&maps, &stale);
+            self.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&*self.view));
+        }
     }
 
     /// Second step, before the caller's passes: copies pages and table entries, clears the feedback.
     pub fn record(&mut self, encoder: &mut wgpu::CommandEncoder) {
+        let _span = tracing::trace_span!("umbrage.record").entered();
         encoder.clear_buffer(&self.feedback, 0, None);
         if !self.staging.is_free() {
             // The device is behind; what is ready stays ready.
             return;
         }
         let Frame { ops, table } = self.streamer.frame();
+        let s = self.streamer.frame_stats();
+        tracing::trace!(
+            s.frame,
+            s.wanted,
+            s.resident,
+            s.admitted,
+            s.evicted,
+            s.starved,
+            s.failing,
+            s.uploaded_bytes,
+            s.by_ancestors,
+            s.worst_levels,
+            "umbrage.frame"
+        );
         if ops.is_empty() && table.is_empty() {
             return;
         }
@@ -301,12 +363,13 @@ impl GpuStreamer {
 
     /// Last step, behind the caller's passes: sends the feedback on its way.
     pub fn end(&mut self, encoder: &mut wgpu::CommandEncoder) {
+        let _span = tracing::trace_span!("umbrage.end").entered();
         self.readback.record(encoder, &self.feedback);
     }
 
     /// One frame from `begin` to the end of the device's work. For tools and tests: it waits.
     pub(super) fn submit(&mut self, passes: impl FnOnce(&Self, &mut wgpu::CommandEncoder)) -> Result<(), RuntimeError> {
-        self.begin();
+        self.begin(&[]);
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         self.record(&mut encoder);
         passes(self, &mut encoder);
@@ -325,7 +388,7 @@ impl GpuStreamer {
     /// # Errors
     /// The structure is of a kind without kernels.
     pub fn kernels(&mut self) -> Result<Arc<Kernels>, RuntimeError> {
-        let kind = self.streamer.structure().kind();
+        let kind = self.selected()?.0.kind();
         if !kind.has_layout() {
             return Err(RuntimeError::UnsupportedKind(kind));
         }
@@ -345,10 +408,11 @@ impl GpuStreamer {
     /// More queries than the device binds, a kind without kernels, or the device was lost.
     pub fn answer(&mut self, root: u32, queries: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, RuntimeError> {
         let count = u32::try_from(queries.len()).unwrap_or(u32::MAX);
+        let (_, number) = self.selected()?;
         let words = self.with_kernels(|this, kernels| {
             let array = kernels.queries(&this.device, queries)?;
             this.submit(|this, encoder| {
-                kernels.dispatch(&this.queue, encoder, &this.group, Entry::Answer, &array, root, 0..count);
+                kernels.dispatch(&this.queue, encoder, &this.group, Entry::Answer, &array, [root, number], 0..count);
             })?;
             this.read(&array.buffer, 0, queries.len() as u64 * 16)
         })?;
@@ -363,10 +427,11 @@ impl GpuStreamer {
     pub fn filter(&mut self, root: u32, queries: &[FilterQuery]) -> Result<Vec<u32>, RuntimeError> {
         let count = u32::try_from(queries.len()).unwrap_or(u32::MAX);
         let words: Vec<[u32; 4]> = queries.iter().flat_map(FilterQuery::encode).collect();
+        let (_, number) = self.selected()?;
         let words = self.with_kernels(|this, kernels| {
             let array = kernels.queries(&this.device, &words)?;
             this.submit(|this, encoder| {
-                kernels.dispatch(&this.queue, encoder, &this.group, Entry::Filtered, &array, root, 0..count);
+                kernels.dispatch(&this.queue, encoder, &this.group, Entry::Filtered, &array, [root, number], 0..count);
             })?;
             this.read(&array.buffer, 0, queries.len() as u64 * 32)
         })?;

@@ -132,8 +132,8 @@ impl Readback {
         let Some(turn) = self.turns.iter().filter(|t| t.is(MAPPED)).min_by_key(|t| t.number) else { return false };
         {
             let Ok(view) = turn.buffer.get_mapped_range(..) else { return false };
-            let words: Vec<u32> = view.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-            f(&words);
+            // Mapped ranges begin at multiples of 8 bytes, and WebGPU's hosts are little-endian.
+            f(bytemuck::try_cast_slice(&view).unwrap_or_default());
         }
         turn.buffer.unmap();
         turn.state.store(FREE, Ordering::Release);

@@ -157,7 +157,7 @@ impl GpuStreamer {
         let after = self.streamer.stats();
         stats.exact = states.iter().all(|s| !Pixel::from_state(*s).ancestor);
         stats.pages_read = self.streamer.loads() - loads;
-        stats.pages = self.streamer.structure().page_count();
+        stats.pages = self.selected()?.0.page_count();
         stats.budget_bytes = self.streamer.budget().total;
         stats.pool_bytes = self.streamer.budget().pool();
         stats.uploaded_bytes = after.uploaded_bytes - before.uploaded_bytes;
@@ -175,16 +175,17 @@ impl GpuStreamer {
         options: &ViewOptions,
         stats: &mut ViewStats,
     ) -> Result<(), RuntimeError> {
+        let (_, number) = self.selected()?;
         let mut part: Range<u32> = 0..count;
         let (mut admitted, mut idle) = (self.streamer.stats().admitted, 0);
         while part.start < count && stats.frames < options.max_frames {
             stats.frames += 1;
             self.submit(|this, encoder| {
                 let group = this.bind_group();
-                kernels.dispatch(&this.queue, encoder, group, entry, queries, options.root, part.clone());
+                kernels.dispatch(&this.queue, encoder, group, entry, queries, [options.root, number], part.clone());
             })?;
             // The feedback of this very frame is there, as the device is done.
-            self.begin();
+            self.begin(&[]);
             while self.streamer.is_loading() {
                 self.streamer.wait(Duration::from_millis(50));
             }

@@ -86,7 +86,9 @@ impl<'a> Pool<'a> {
         if share.lit == share.taps {
             state |= LIT;
         }
-        if !share.inside {
+        if share.inside {
+            state |= self.stale(q.receiver.x, q.receiver.y);
+        } else {
             state |= OUTSIDE;
         }
         state

@@ -10,7 +10,7 @@ use umbrage_reader::query::Bounds;
 
 use super::vector::Found;
 use crate::residency::Entry;
-use crate::shader::MOST_GAP;
+use crate::shader::{MOST_GAP, Rect};
 
 /// First word of a table entry whose page is not in the pool.
 pub const NOT_RESIDENT: u32 = u32::MAX;
@@ -28,6 +28,8 @@ pub const OUTSIDE: u32 = 4;
 pub const EXACT: u32 = 8;
 /// Level of the answering node, 5 bits from here.
 pub const LEVEL_SHIFT: u32 = 8;
+/// Bit of a state: what was baked there was marked as out of date.
+pub const STALE: u32 = 32;
 /// Bit of a state: a page was missing, but what the index says of it was enough.
 pub const SETTLED: u32 = 16;
 /// The answering node in its page, 17 bits from here; see [`Answer::word`].
@@ -44,7 +46,7 @@ pub struct Answer {
     pub page: u32,
     /// That node in its page: its word in `mh` and `mmh`, its number `4 * group + c` in `vector`.
     pub word: u32,
-    /// The page that the walk needed and did not get, or [`NONE`].
+    /// The page that the walk needed and did not get, or [`NONE`]. Pages are named by their places in the table.
     pub missing: u32,
 }
 
@@ -83,6 +85,10 @@ pub struct Pool<'a> {
     pub words: &'a [u32],
     /// One for each page.
     pub table: &'a [Entry],
+    /// Place of the structure's first page in the table.
+    pub base: u32,
+    /// Its stale rectangles.
+    pub stale: &'a [Rect],
     /// How the structure is encoded.
     pub kind: Kind,
     /// Levels below the root, at most 24.
@@ -145,7 +151,17 @@ impl Page<'_> {
 }
 
 impl<'a> Pool<'a> {
-    /// A page by its ordinal; whatever table and frame say, its words lie in the pool.
+    /// Place of root `root` in the table.
+    fn root(&self, root: u32) -> u32 {
+        self.base.saturating_add(root)
+    }
+
+    /// [`STALE`] where what was baked for a texel is out of date, else 0.
+    pub(super) fn stale(&self, x: u32, y: u32) -> u32 {
+        if self.stale.iter().any(|r| r.contains([x, y])) { STALE } else { 0 }
+    }
+
+    /// A page by its place in the table; whatever table and frame say, its words lie in the pool.
     pub(super) fn page(&self, ordinal: u32) -> Option<Page<'a>> {
         let &[at, first_child, ..] = self.table.get(ordinal as usize)?;
         let room = self.words.get(at as usize..).filter(|r| !r.is_empty())?;
@@ -161,17 +177,19 @@ impl<'a> Pool<'a> {
 
     /// What a walk from root `root` knows before its first page.
     pub(super) fn nothing(&self, root: u32) -> Answer {
-        Answer { value: UNCOVERED, level: self.log2_resolution.into(), page: root, word: 0, missing: NONE }
+        let page = self.root(root);
+        Answer { value: UNCOVERED, level: self.log2_resolution.into(), page, word: 0, missing: NONE }
     }
 
     /// A walk at the group of root `root`, which is `group` in its page.
     pub(super) fn start(&self, root: u32, group: u32) -> Walk<'a> {
-        let page = self.page(root);
-        let found = Answer { missing: if page.is_none() { root } else { NONE }, ..self.nothing(root) };
+        let first = self.root(root);
+        let page = self.page(first);
+        let found = Answer { missing: if page.is_none() { first } else { NONE }, ..self.nothing(root) };
         let ended = page.is_none();
         let page = page.unwrap_or(Page { words: &[], behind: &[], first_child: 0 });
         let (mask, level) = (page.root_mask(), self.top());
-        Walk { found, page, ordinal: root, mask, group, level, node: 0, opens: false, ended, sum: 0, entry: None }
+        Walk { found, page, ordinal: first, mask, group, level, node: 0, opens: false, ended, sum: 0, entry: None }
     }
 
     /// Walks from root `root` to texel (x, y) at `level`, by the structure's kind; a kind that has no walk answers as
@@ -181,7 +199,7 @@ impl<'a> Pool<'a> {
             Kind::Mh => self.mh(root, x, y, level),
             Kind::Mmh => self.mmh(root, x, y, level),
             Kind::Vector => self.vector(root, x, y, level),
-            _ => Answer { missing: root, ..self.nothing(root) },
+            _ => Answer { missing: self.root(root), ..self.nothing(root) },
         }
     }
 
@@ -197,7 +215,7 @@ impl<'a> Pool<'a> {
             return Shadow { state: LIT | OUTSIDE | EXACT, missing: NONE, page: NONE };
         }
         let d = self.texel(root, x, y, level);
-        let (state, page) = (d.state(depth), d.page);
+        let (state, page) = (d.state(depth) | self.stale(x, y), d.page);
         match self.bounds(d.missing).and_then(|(bounds, error)| bounds.settle(depth, d.value, error)) {
             Some(lit) => {
                 let state = (state & !(LIT | ANCESTOR)) | (u32::from(lit) * LIT) | EXACT | SETTLED;
@@ -226,6 +244,6 @@ impl<'a> Pool<'a> {
             return [UNCOVERED, LIT | OUTSIDE | EXACT, NONE, NONE];
         }
         let d = self.texel(root, x, y, level);
-        [d.value, d.state(depth), d.missing, d.page]
+        [d.value, d.state(depth) | self.stale(x, y), d.missing, d.page]
     }
 }

@@ -12,7 +12,8 @@ pub const READBACK_BUFFERS: u64 = 2;
 /// Most table entries that change in a frame.
 pub const MAX_DIRTY: u64 = 1024;
 /// Uniforms and what the driver rounds up.
-const FIXED: u64 = 4096;
+const FIXED: u64 = 16384;
+const _: () = assert!(size_of::<crate::shader::View>() as u64 + 4096 <= FIXED);
 /// Bytes of one table entry.
 const ENTRY: u64 = TABLE_ENTRY_WORDS as u64 * 4;
 /// Share of the budget for one staging buffer; pages in host memory have twice that, as a page that is being read

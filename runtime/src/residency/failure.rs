@@ -34,6 +34,11 @@ impl Failures {
         self.0.remove(&ordinal);
     }
 
+    /// Pages at these places are gone.
+    pub fn forget_all(&mut self, places: &std::ops::Range<u32>) {
+        self.0.retain(|o, _| !places.contains(o));
+    }
+
     /// Pages whose last try failed.
     pub fn len(&self) -> usize {
         self.0.len()

@@ -10,10 +10,10 @@ use umbrage_format::projection::{Lattice, UNCOVERED};
 use umbrage_reader::query::Bounds;
 use umbrage_reader::query::filter::{LOD_BITS, level_of_detail, nearest_level};
 
-use super::Residency;
+use super::{Residency, Span};
 
-/// Most boxes that are looked at in a frame.
-const MOST_BOXES: usize = 4096;
+/// Most boxes that are worth a look in a frame.
+pub const MOST_BOXES: usize = 4096;
 /// Most pages that are foreseen in a frame.
 const MOST_PAGES: usize = 64;
 
@@ -57,11 +57,34 @@ pub struct Foresight {
     /// Columns of the inverse: a step of the lattice in the world.
     steps: [V3; 3],
     origin: V3,
-    before: Option<Viewpoint>,
+}
+
+/// A camera in the frame before and now, and how many frames to look ahead.
+#[derive(Clone, Copy, Debug)]
+pub struct Way<'a> {
+    /// In the frame before.
+    pub before: &'a Viewpoint,
+    /// Now.
+    pub now: &'a Viewpoint,
+    /// Frames from now.
+    pub frames: f64,
+}
+
+/// Lists that a look needs, so that one frame takes them over from another: pages to look at, and those that were found.
+#[derive(Clone, Debug)]
+pub struct Looks {
+    open: Vec<u32>,
+    found: Vec<(u32, u32)>,
+}
+
+impl Default for Looks {
+    fn default() -> Self {
+        Self { open: Vec::with_capacity(MOST_BOXES + 256), found: Vec::with_capacity(MOST_BOXES) }
+    }
 }
 
 /// A box of the lattice, ends included.
-type Span = [[f64; 2]; 3];
+type Area = [[f64; 2]; 3];
 
 impl Foresight {
     /// For the light of a structure. None where its map can't be inverted, which no checked file has.
@@ -75,40 +98,40 @@ impl Foresight {
         let steps = [cross(b, c), cross(c, a), cross(a, b)].map(|v| v.map(|x| x / volume));
         let [x, y, z] = lattice.world_to_lattice.map(|r| r[3]);
         let origin = std::array::from_fn(|k| -(steps[0][k] * x + steps[1][k] * y + steps[2][k] * z));
-        Some(Self { lattice, steps, origin, before: None })
+        Some(Self { lattice, steps, origin })
     }
 
-    /// Foresees what the camera will need `frames` frames from now if it goes on as it did since the last call; `record` gives
-    /// a page's record where that costs no read. Gives how many pages were named.
+    /// Foresees what a camera will need some frames from now if it goes on as it came; `record` gives the record of a page of
+    /// the structure where that costs no read. Looks at no more than `most` boxes, at most [`MOST_BOXES`]; gives how many
+    /// pages were named.
     pub fn look(
-        &mut self,
-        now: &Viewpoint,
-        frames: f64,
+        &self,
+        way: &Way<'_>,
         residency: &mut Residency,
-        roots: u32,
+        span: &Span,
+        Looks { open, found }: &mut Looks,
+        most: usize,
         record: impl Fn(u32) -> Option<PageRecord>,
     ) -> usize {
-        let Some(before) = self.before.replace(*now) else { return 0 };
-        if before == *now {
+        if way.before == way.now {
             return 0;
         }
-        let then = now.ahead(&before, frames);
-        let mut open: Vec<u32> = (0..roots).collect();
-        let mut found: Vec<(u32, u32)> = Vec::new();
+        let (now, then) = (way.now, way.now.ahead(way.before, way.frames));
+        open.extend(span.root_places());
         let mut looked = 0;
         while let Some(page) = open.pop() {
             for (child, told) in residency.children(page) {
                 looked += 1;
-                if looked > MOST_BOXES {
+                if looked > most {
                     open.clear();
                     break;
                 }
-                let Some(record) = record(child) else { continue };
-                let Some(span) = self.span(&record, &told.bounds) else { continue };
-                let Some(weight) = self.weight(&then, &span, record.level_coarsest) else { continue };
+                let Some(record) = child.checked_sub(span.base).and_then(&record) else { continue };
+                let Some(area) = self.span(&record, &told.bounds) else { continue };
+                let Some(weight) = self.weight(&then, &area, record.level_coarsest) else { continue };
                 if residency.is_resident(child) {
                     open.push(child);
-                } else if self.weight(now, &span, record.level_coarsest).is_none() {
+                } else if self.weight(now, &area, record.level_coarsest).is_none() {
                     found.push((child, weight));
                 }
             }
@@ -116,11 +139,13 @@ impl Foresight {
         found.sort_unstable_by_key(|&(page, weight)| (std::cmp::Reverse(weight), page));
         found.truncate(MOST_PAGES);
         found.iter().for_each(|&(page, weight)| residency.foresee(page, weight));
-        found.len()
+        let count = found.len();
+        found.clear();
+        count
     }
 
     /// The box of the receivers that a page matters to; none where there are none.
-    fn span(&self, record: &PageRecord, bounds: &Bounds) -> Option<Span> {
+    fn span(&self, record: &PageRecord, bounds: &Bounds) -> Option<Area> {
         if bounds.min_depth >= bounds.max_depth {
             return None;
         }
@@ -141,7 +166,7 @@ impl Foresight {
 
     /// What a box weighs in a picture: its pixels there, for each level that the answers without its page are too coarse. None
     /// where it lies outside, or where no pixel asks for a level at or below `level`.
-    fn weight(&self, from: &Viewpoint, span: &Span, level: u8) -> Option<u32> {
+    fn weight(&self, from: &Viewpoint, span: &Area, level: u8) -> Option<u32> {
         let eye = self.lattice.to_lattice(from.eye);
         let nearest = std::array::from_fn(|k| eye[k].clamp(span[k][0], span[k][1]));
         let way: V3 = std::array::from_fn(|k| self.to_world(nearest)[k] - from.eye[k]);

@@ -12,30 +12,39 @@
 //!   screen. What finds no room is parked and counted ([`Stats::starved`]).
 //! - A page that fails is tried again after 2, 4, … 256 frames.
 //!
+//! - Several structures share pool and page table ([`Residency::attach`]): ordinals are places in that table. They come and
+//!   go ([`Residency::detach`]) and are replaced by new versions, which keep the slots of unchanged pages
+//!   ([`Residency::retire`]).
+//!
 //! Rooms: [`budget`] divides the bytes, [`slots`] finds places, `failure` counts tries, [`foresee`] looks ahead of a moving
-//! camera.
+//! camera, `span` divides the table, `structures` attaches and detaches, `heirs` knows the pages of replaced versions.
 
 pub mod budget;
+mod exchange;
 mod failure;
 pub mod foresee;
+mod heirs;
 mod resident;
 pub mod slots;
+mod span;
+mod structures;
 #[cfg(test)]
 mod tests;
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap, VecDeque};
-use std::sync::Arc;
-
-use umbrage_reader::query::Bounds;
 
 pub use budget::{Budget, BudgetError};
+pub use exchange::{ABSENT, Child, Config, Entry, Frame, LoadedPage, Op, Stats};
+pub use span::{Span, TableFull};
 
 use crate::query::pool::NOT_RESIDENT;
 use budget::{BLOCK_BYTES, MAX_DIRTY};
 use failure::Failures;
+use heirs::Heirs;
 use resident::{Resident, Residents};
 use slots::{BLOCK_WORDS, Slots, UNIT_WORDS, class_of, slot_words};
+use span::Spans;
 
 /// Rounds for which a page is kept that has come and can't have been used yet: feedback is late by that much.
 const GRACE: u64 = 3;
@@ -43,111 +52,6 @@ const GRACE: u64 = 3;
 const PATIENCE: u64 = 6;
 /// Frames for which a page is parked that found no room.
 const PARKED: u64 = 8;
-
-/// What the state machine must know of a structure and its budget.
-#[derive(Debug, Clone, Copy)]
-pub struct Config {
-    /// Pages of the structure, shared ones included.
-    pub pages: u32,
-    /// Roots: pages 0 to `roots`.
-    pub roots: u32,
-    /// Shared pages at the end.
-    pub shared: u32,
-    /// Blocks of the pool.
-    pub blocks: u32,
-    /// Bytes of pages that a frame can upload, at least one block.
-    pub frame_bytes: u64,
-    /// Bytes of pages in host memory, those being loaded counted as the largest page.
-    pub host_bytes: u64,
-}
-
-/// What the index says of a page before it is read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Child {
-    /// Of its answers.
-    pub bounds: Bounds,
-    /// Its words in the pool, a list of dependencies behind them included.
-    pub words: u32,
-}
-
-/// A page that has been read and checked.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LoadedPage {
-    /// Its ordinal.
-    pub ordinal: u32,
-    /// Ordinal of its first child.
-    pub first_child: u32,
-    /// Its children.
-    pub child_count: u16,
-    /// What the index says of each of them, in order; empty where the index can't be read.
-    pub children: Arc<[Child]>,
-    /// Shared pages it needs.
-    pub dependencies: Vec<u32>,
-    /// Its words, frame included, in host order; in kind `mmh` the dependencies behind them.
-    pub words: Arc<[u32]>,
-}
-
-/// One step on the pool's words, to be carried out in order.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Op {
-    /// Write a page.
-    Upload {
-        /// First word.
-        at: u32,
-        /// The page's words.
-        words: Arc<[u32]>,
-    },
-    /// Copy a page to another place; the places do not overlap.
-    Move {
-        /// First word now.
-        from: u32,
-        /// First word after.
-        to: u32,
-        /// Words of the page.
-        words: u32,
-    },
-}
-
-/// An entry of the page table: of a resident page its first word in the pool and its first child; of another
-/// [`NOT_RESIDENT`], its stop error, and the smallest and the largest depth that lookups in it can answer.
-pub type Entry = [u32; 4];
-
-/// The entry of a page of which nothing is known.
-pub const ABSENT: Entry = [NOT_RESIDENT, u32::MAX, 0, u32::MAX];
-
-/// What to do before the queries of a frame.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Frame {
-    /// Copies, in order.
-    pub ops: Vec<Op>,
-    /// Page table: ordinal and its entry, ordinals rising.
-    pub table: Vec<(u32, Entry)>,
-}
-
-/// Totals since the start, and the state after the last frame.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Stats {
-    /// Pages that live in the pool.
-    pub resident: u32,
-    /// Their words.
-    pub resident_words: u64,
-    /// Pages that are wanted and not in the pool: asked for, being loaded, parked.
-    pub wanted: u32,
-    /// Of those, the ones that found no room: the starvation signal.
-    pub starved: u32,
-    /// Pages whose last try to load failed.
-    pub failing: u32,
-    /// Pages admitted.
-    pub admitted: u64,
-    /// Pages evicted.
-    pub evicted: u64,
-    /// Pages moved within the pool.
-    pub moved: u64,
-    /// Bytes of pages uploaded.
-    pub uploaded_bytes: u64,
-    /// Pages that nobody waited for any more before they were read.
-    pub cancelled: u64,
-}
 
 #[derive(Debug)]
 enum State {
@@ -198,6 +102,10 @@ enum Room {
 #[derive(Debug)]
 pub struct Residency {
     config: Config,
+    spans: Spans,
+    /// First places of structures some of whose roots are not resident.
+    unrooted: Vec<u32>,
+    heirs: Heirs,
     slots: Slots,
     residents: Residents,
     wants: HashMap<u32, Want>,
@@ -216,10 +124,13 @@ pub struct Residency {
 }
 
 impl Residency {
-    /// Nothing resident, the roots wanted.
+    /// No structure attached, nothing resident.
     pub fn new(config: Config) -> Self {
-        let mut this = Self {
+        Self {
             config,
+            spans: Spans::new(config.table),
+            unrooted: Vec::new(),
+            heirs: Heirs::default(),
             slots: Slots::new(config.blocks),
             residents: Residents::default(),
             wants: HashMap::new(),
@@ -234,16 +145,7 @@ impl Residency {
             round: 0,
             frames: 0,
             stats: Stats::default(),
-        };
-        for root in 0..config.roots.min(config.pages) {
-            this.want(root, 0, 0, u32::MAX, true);
         }
-        this
-    }
-
-    /// Whether every root lives in the pool.
-    pub fn roots_resident(&self) -> bool {
-        (0..self.config.roots.min(self.config.pages)).all(|r| self.is_resident(r))
     }
 
     /// Whether a page lives in the pool.
@@ -299,20 +201,21 @@ impl Residency {
 
     /// Pages above a page that may be asked for.
     fn depth(&self, ordinal: u32) -> Option<u32> {
-        let shared = ordinal >= self.config.pages.saturating_sub(self.config.shared);
+        let span = self.spans.find(ordinal)?;
         match self.residents.parent(ordinal).and_then(|p| self.residents.get(p)) {
             Some(parent) => Some(parent.depth + 1),
-            None if ordinal < self.config.roots => Some(0),
-            None if shared => Some(1),
+            None if span.is_root(ordinal) => Some(0),
+            None if span.is_shared(ordinal) => Some(1),
             None => None,
         }
     }
 
     fn want(&mut self, ordinal: u32, depth: u32, asked: u64, weight: u32, needed: bool) {
-        if ordinal >= self.config.pages || self.is_resident(ordinal) || self.failures.waits(ordinal, self.frames) {
+        let unknown = self.spans.find(ordinal).is_none();
+        if unknown || self.is_resident(ordinal) || self.failures.waits(ordinal, self.frames) {
             return;
         }
-        let words = self.residents.told(ordinal).map(|c| c.words);
+        let words = self.told(ordinal).map(|c| c.words);
         let want = self.wants.entry(ordinal).or_insert_with(|| {
             self.queue.insert((Reverse((needed, weight)), depth, ordinal));
             Want { depth, asked, weight, needed, words, state: State::Queued }
@@ -383,7 +286,8 @@ impl Residency {
     }
 
     fn is_stale(&self, ordinal: u32, want: &Want) -> bool {
-        want.asked + PATIENCE < self.round && ordinal >= self.config.roots
+        let span = self.spans.find(ordinal);
+        span.is_none_or(|s| want.asked + PATIENCE < self.round && !s.is_root(ordinal))
     }
 
     /// Ordinals to load now, those that weigh most first; none while host memory is spoken for.
@@ -424,6 +328,11 @@ impl Residency {
 
     /// A page that [`loads`](Self::loads) named has come.
     pub fn loaded(&mut self, page: LoadedPage) {
+        if self.spans.find(page.ordinal).is_none() {
+            // Detached meanwhile.
+            self.forget_load(page.ordinal);
+            return;
+        }
         self.failures.forget(page.ordinal);
         let Some(want) = self.wants.get_mut(&page.ordinal).filter(|w| matches!(w.state, State::Loading)) else {
             return;
@@ -432,19 +341,23 @@ impl Residency {
         self.loading_bytes -= want.bytes();
         self.ready_bytes += page.words.len() as u64 * 4;
         self.ready.insert(want.rank(page.ordinal));
-        want.words = Some(page.words.len() as u32);
+        if !page.words.is_empty() {
+            want.words = Some(page.words.len() as u32);
+        }
         want.state = State::Ready(page);
     }
 
     /// A page that [`loads`](Self::loads) named could not be read; `true` the first time, when it is to be reported.
     pub fn failed(&mut self, ordinal: u32) -> bool {
         self.forget_load(ordinal);
-        self.failures.note(ordinal, self.frames)
+        self.spans.find(ordinal).is_some() && self.failures.note(ordinal, self.frames)
     }
 
     /// Admits what has come, as far as the frame's bytes reach.
     pub fn frame(&mut self) -> Frame {
         self.frames += 1;
+        self.bury();
+        self.want_roots();
         let mut frame = Frame::default();
         let mut bytes = 0;
         for (_, depth, ordinal) in self.ready.clone() {
@@ -454,10 +367,14 @@ impl Residency {
             if bytes + page_bytes > self.config.frame_bytes || self.dirty.len() as u64 >= MAX_DIRTY {
                 break;
             }
-            let root = ordinal < self.config.roots;
+            let span = self.spans.find(ordinal);
+            let (root, shared) = span.map_or((false, false), |s| (s.is_root(ordinal), s.is_shared(ordinal)));
             let parent = self.residents.parent(ordinal);
-            let orphan = parent.is_none() && !root && ordinal < self.config.pages.saturating_sub(self.config.shared);
-            let class = class_of(page.words.len() as u32).filter(|_| !orphan);
+            let orphan = parent.is_none() && !root && !shared;
+            // Its words may be there already, in a page of the version before.
+            let heir = page.hash.filter(|_| page.words.is_empty()).and_then(|_| self.heir(ordinal));
+            let lost = page.words.is_empty() && heir.is_none();
+            let class = class_of(page.words.len() as u32).filter(|_| !orphan && !lost);
             let mut needs = page.dependencies.clone();
             needs.extend(parent);
             let Some(class) = class else {
@@ -470,24 +387,30 @@ impl Residency {
                 self.unready(ordinal, Some(State::Waiting(needs)));
                 continue;
             }
-            match self.make_room(class, (depth, needed), &mut frame) {
-                Room::Found => {}
-                Room::NotNow => break,
-                Room::None => {
-                    self.unready(ordinal, Some(State::Parked(self.frames + PARKED)));
-                    continue;
+            let place = if let Some(heir) = heir {
+                self.inherit(heir, ordinal)
+            } else {
+                match self.make_room(class, (depth, needed), &mut frame) {
+                    Room::Found => {}
+                    Room::NotNow => break,
+                    Room::None => {
+                        self.unready(ordinal, Some(State::Parked(self.frames + PARKED)));
+                        continue;
+                    }
                 }
-            }
-            let Some(at) = self.slots.alloc(class, ordinal) else { continue };
+                self.slots.alloc(class, ordinal).map(|at| (at, page_bytes as u32 / 4))
+            };
+            let Some((at, words)) = place else { continue };
             let Some(page) = self.unready(ordinal, None) else { continue };
             bytes += page_bytes;
             self.stats.admitted += 1;
             self.stats.uploaded_bytes += page_bytes;
-            self.stats.resident_words += page.words.len() as u64;
+            self.stats.resident_words += u64::from(words);
             self.dirty.insert(ordinal);
             let resident = Resident {
                 at,
-                words: page.words.len() as u32,
+                words,
+                hash: page.hash,
                 first_child: page.first_child,
                 child_count: page.child_count,
                 children: page.children,
@@ -501,10 +424,13 @@ impl Residency {
                 self.untold.push_back((page.first_child, page.first_child.saturating_add(page.child_count.into())));
             }
             self.residents.insert(ordinal, resident);
-            frame.ops.push(Op::Upload { at, words: page.words });
+            if heir.is_none() {
+                frame.ops.push(Op::Upload { at, words: page.words });
+            }
         }
         self.revise();
         self.tell();
+        self.free_spans();
         let dirty = std::mem::take(&mut self.dirty);
         frame.table = dirty.into_iter().map(|o| (o, self.entry(o))).collect();
         frame
@@ -614,7 +540,7 @@ impl Residency {
         for (need, depth, asked, weight, needed) in ask {
             self.residents.touch(need, self.round);
             // Only shared pages: a parent that has gone asks for itself.
-            if need >= self.config.pages.saturating_sub(self.config.shared) {
+            if self.spans.find(need).is_some_and(|s| s.is_shared(need)) {
                 self.want(need, depth, asked, weight, needed);
             }
         }

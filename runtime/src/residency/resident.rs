@@ -25,6 +25,8 @@ pub struct Resident {
     pub at: u32,
     /// Words of the page.
     pub words: u32,
+    /// Hash of its content; none of a page that depends on others.
+    pub hash: Option<u64>,
     /// Ordinal of its first child.
     pub first_child: u32,
     /// Its children.
@@ -287,6 +289,26 @@ impl Residents {
             self.change(need, |p| p.dependents -= 1);
         }
         Some(page)
+    }
+
+    /// Pages at places of the table.
+    pub fn within(&self, places: std::ops::Range<u32>) -> Vec<u32> {
+        self.cells.iter().flatten().map(|c| c.ordinal).filter(|o| places.contains(o)).collect()
+    }
+
+    /// A page stands for itself from now on: it needs none, none needs it, it has no children and may go.
+    pub fn cut_off(&mut self, ordinal: u32) {
+        let first_child = self.change(ordinal, |p| {
+            p.needs.clear();
+            (p.dependents, p.pinned, p.children) = (0, false, Arc::default());
+            (p.child_count != 0).then(|| {
+                p.child_count = 0;
+                p.first_child
+            })
+        });
+        if let Some(first_child) = first_child.flatten() {
+            self.children.remove(&first_child);
+        }
     }
 
     /// Notes a use of a page and of all that it needs; the round is one that has [begun](Self::begin).

@@ -132,6 +132,14 @@ impl Slots {
         }
     }
 
+    /// A page goes on in the slot of another.
+    pub fn hand_over(&mut self, word: u32, owner: u32) {
+        let (number, slot) = self.place(word);
+        let block = &mut self.blocks[number as usize];
+        debug_assert!(block.owners[slot].is_some());
+        block.owners[slot] = Some(owner);
+    }
+
     /// An empty block becomes free for every class.
     fn release(&mut self, number: u32) {
         let block = std::mem::take(&mut self.blocks[number as usize]);

@@ -1,8 +1,10 @@
 //! Invariants of the state machine, held after every step of random histories.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use proptest::prelude::*;
+use umbrage_reader::query::Bounds;
 
 use super::budget::BLOCK_BYTES;
 use super::slots::{BLOCK_WORDS, class_of, slot_words};
@@ -39,23 +41,18 @@ impl Pages {
             child_count,
             children: (first_child..first_child + u32::from(child_count)).map(|o| self.told(o)).collect(),
             dependencies: Vec::new(),
+            hash: Some(content(ordinal)),
             words: vec![ordinal; words as usize].into(),
         }
     }
 
     fn told(&self, ordinal: u32) -> Child {
-        Child { bounds: bounds(ordinal), words: self.records[ordinal as usize].2 }
+        let words = self.records[ordinal as usize].2;
+        Child { bounds: bounds(ordinal), words, hash: Some(content(ordinal)) }
     }
 
     fn config(&self, blocks: u32) -> Config {
-        Config {
-            pages: self.records.len() as u32,
-            roots: self.roots,
-            shared: 0,
-            blocks,
-            frame_bytes: 2 * BLOCK_BYTES,
-            host_bytes: 4 * BLOCK_BYTES,
-        }
+        Config { table: self.records.len() as u32, blocks, frame_bytes: 2 * BLOCK_BYTES, host_bytes: 4 * BLOCK_BYTES }
     }
 
     /// Pages from the root down to `ordinal`.
@@ -68,6 +65,11 @@ impl Pages {
         }
         path
     }
+}
+
+/// Hash of a page's content: here it holds its own number.
+fn content(ordinal: u32) -> u64 {
+    u64::from(ordinal) << 32 | 0xABC
 }
 
 /// What the index says of a page.
@@ -86,7 +88,9 @@ struct World {
 
 impl World {
     fn new(pages: Pages, blocks: u32) -> Self {
-        let residency = Residency::new(pages.config(blocks));
+        let mut residency = Residency::new(pages.config(blocks));
+        let roots: Vec<Child> = (0..pages.roots).map(|o| pages.told(o)).collect();
+        residency.attach(pages.records.len() as u32, 0, roots.into()).unwrap();
         let (pool, table) = (vec![0; (blocks * BLOCK_WORDS) as usize], vec![ABSENT; pages.records.len()]);
         Self { pages, residency, pool, table, loading: Vec::new() }
     }
@@ -310,14 +314,16 @@ fn dependencies_come_first_and_stay() {
         child_count: 0,
         children: Arc::default(),
         dependencies: dependencies.to_vec(),
+        hash: None,
         words: vec![ordinal; 100].into(),
     };
     // 1 needs 2; 3 and 4 need each other, which never ends and never hangs.
     for p in [page(0, &[1, 2]), page(1, &[2]), page(2, &[]), page(3, &[4]), page(4, &[3])] {
         by_ordinal.insert(p.ordinal, p);
     }
-    let config = Config { pages: 5, roots: 1, shared: 4, blocks: 3, frame_bytes: BLOCK_BYTES, host_bytes: BLOCK_BYTES };
+    let config = Config { table: 5, blocks: 3, frame_bytes: BLOCK_BYTES, host_bytes: BLOCK_BYTES };
     let mut residency = Residency::new(config);
+    residency.attach(5, 4, vec![Child::unknown()].into()).unwrap();
     residency.request(3, 1);
     for _ in 0..60 {
         for o in residency.loads() {

@@ -1,7 +1,7 @@
 // Entry points of the runtime itself: arrays of queries, and the pixels of a view.
 
 @group(1) @binding(0) var<storage, read_write> umb_queries: array<vec4<u32>>;
-// First query, queries from there, root.
+// First query, queries from there, root, structure.
 @group(1) @binding(1) var<uniform> umb_range: vec4<u32>;
 
 fn umb_index(id: vec3<u32>, groups: vec3<u32>) -> u32 {
@@ -21,6 +21,7 @@ fn answer(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups)
     if i >= umb_range.y {
         return;
     }
+    umb_select(umb_range.w);
     let q = umb_queries[umb_range.x + i];
     if umb_outside(q.x, q.y) {
         umb_queries[umb_range.x + i] = vec4<u32>(UMB_UNCOVERED, UMB_LIT | UMB_OUTSIDE | UMB_EXACT, UMB_NO_PAGE, UMB_NO_PAGE);
@@ -28,7 +29,7 @@ fn answer(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups)
     }
     let d = umb_answer(umb_range.z, q.x, q.y, q.z);
     umb_note_ancestor(d);
-    umb_queries[umb_range.x + i] = vec4<u32>(d.value, umb_state(d, q.w), d.missing, d.page);
+    umb_queries[umb_range.x + i] = vec4<u32>(d.value, umb_state(d, q.w) | umb_stale(q.x, q.y), d.missing, d.page);
 }
 
 // In: x, y, depth rounded up, state of the frame before with the level asked for from UMB_WORD_SHIFT on. Out: state, the level
@@ -43,6 +44,7 @@ fn pixels(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups)
     if (q.w & UMB_EXACT) != 0u {
         return;
     }
+    umb_select(umb_range.w);
     let level = q.w >> UMB_WORD_SHIFT;
     let state = umb_shadow(umb_range.z, q.x, q.y, level, q.z);
     if (state & UMB_EXACT) == 0u {
@@ -64,6 +66,7 @@ fn filtered(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroup
     if (q.w & UMB_EXACT) != 0u {
         return;
     }
+    umb_select(umb_range.w);
     let how = umb_queries[at + 1u];
     let share = umb_trilinear(umb_range.z, UmbReceiver(q.x, q.y, q.z, bitcast<vec2<i32>>(how.xy)), how.w, how.z);
     if share.missing != UMB_NO_PAGE {

@@ -6,6 +6,7 @@
 //!
 //! What a shader calls:
 //!
+//! - `umb_select(number)`: which structure all of the following ask, 0 before the first call;
 //! - `umb_locate(lattice, point)`: texel and depth of a point;
 //! - `umb_shadow(root, x, y, level, depth)`: light or shadow for a receiver, from what is resident; asks for a page only where
 //!   what the index says of it does not settle the receiver;
@@ -20,7 +21,9 @@
 //! | 0 | `umb_pool`: the words of the pages, each page from its entry's word; in kind `mmh` behind a page the ordinals that it depends on |
 //! | 1 | `umb_table`: for each page an [`Entry`](crate::residency::Entry) |
 //! | 2 | `umb_feedback`: what walks missed and used, see [`FEEDBACK_USED`] |
-//! | 3 | `umb_view`: sizes, the uniform [`View`] |
+//! | 3 | `umb_view`: sizes and structures, the uniform [`View`] |
+//!
+//! Pages are named by their places in the table, which all structures share.
 
 mod constants;
 
@@ -29,7 +32,7 @@ pub use constants::prelude;
 /// Words of a page table entry.
 pub const TABLE_ENTRY_WORDS: u32 = 4;
 /// Words before the table of the missed: how many distinct pages are in it, how many queries an ancestor answered, how
-/// many times a page found no place in it.
+/// many times a page found no place in it, and by how many levels the coarsest answer of an ancestor was too coarse.
 pub const FEEDBACK_HEAD: u32 = 4;
 /// Binary logarithm of the slots of the table of the missed.
 pub const FEEDBACK_LOG2: u32 = 12;
@@ -45,6 +48,10 @@ pub const FEEDBACK_USED: u32 = FEEDBACK_HEAD + 2 * FEEDBACK_SLOTS;
 pub const MOST_WEIGHT: u32 = 1 << 16;
 /// Most that one receiver adds, as a power of two: the levels that its answer is too coarse.
 pub const MOST_GAP: u32 = 8;
+/// Most structures at a time.
+pub const MAPS: u32 = 256;
+/// Most stale rectangles of all structures.
+pub const STALE_RECTS: u32 = 64;
 /// Invocations of a workgroup in [`kernels`].
 pub const WORKGROUP: u32 = 64;
 
@@ -68,22 +75,100 @@ macro_rules! uniform {
 }
 
 uniform! {
-    /// Sizes of the other buffers.
-    View {
-        /// Words of the pool.
-        pool_words,
-        /// Pages of the structure: entries of the table.
-        pages,
+    /// What the device knows of a structure.
+    Map {
+        /// Place of its first page in the table.
+        base,
         /// Levels below the root.
         log2_resolution,
-        /// Words of the feedback's used bits.
-        used_words,
-        /// Code of the structure's kind.
+        /// Code of its kind; 0: there is none, or its roots have not come.
         kind,
         /// 1: pages that the index settles are not asked for.
         skips,
         /// Error in lattice steps up to which the index may settle a receiver by what stands above a page.
         error,
+        /// Its first stale rectangle.
+        stale_first,
+        /// Its stale rectangles.
+        stale_count,
+        /// Zero.
+        unused,
+    }
+}
+
+uniform! {
+    /// Texels of the finest level from one corner to another, ends excluded.
+    Rect {
+        /// First column.
+        x0,
+        /// First row.
+        y0,
+        /// Column behind the last.
+        x1,
+        /// Row behind the last.
+        y1,
+    }
+}
+
+impl Map {
+    /// No structure.
+    pub const NONE: Self =
+        Self { base: 0, log2_resolution: 0, kind: 0, skips: 0, error: 0, stale_first: 0, stale_count: 0, unused: 0 };
+}
+
+impl Rect {
+    /// Whether it has no texel.
+    pub fn is_empty(&self) -> bool {
+        self.x0 >= self.x1 || self.y0 >= self.y1
+    }
+
+    /// Whether a texel lies in it.
+    pub fn contains(&self, [x, y]: [u32; 2]) -> bool {
+        (self.x0..self.x1).contains(&x) && (self.y0..self.y1).contains(&y)
+    }
+
+    /// The smallest one that holds both.
+    pub fn union(&self, o: Self) -> Self {
+        Self { x0: self.x0.min(o.x0), y0: self.y0.min(o.y0), x1: self.x1.max(o.x1), y1: self.y1.max(o.y1) }
+    }
+
+    /// Its texels.
+    pub fn area(&self) -> u64 {
+        u64::from(self.x1.saturating_sub(self.x0)) * u64::from(self.y1.saturating_sub(self.y0))
+    }
+}
+
+/// Sizes of the other buffers, and all structures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct View {
+    /// Words of the pool.
+    pub pool_words: u32,
+    /// Entries of the page table.
+    pub pages: u32,
+    /// Words of the feedback's used bits.
+    pub used_words: u32,
+    /// Zero.
+    pub unused: u32,
+    /// The structures by number.
+    pub maps: [Map; MAPS as usize],
+    /// Stale rectangles of all of them.
+    pub stale: [Rect; STALE_RECTS as usize],
+}
+
+impl View {
+    /// Tells of structures and of the stale rectangles that they refer to; what goes beyond the lists is left out.
+    pub fn tell(&mut self, maps: &[Map], stale: &[Rect]) {
+        (self.maps, self.stale) =
+            ([Map::NONE; MAPS as usize], [Rect { x0: 0, y0: 0, x1: 0, y1: 0 }; STALE_RECTS as usize]);
+        self.maps.iter_mut().zip(maps).for_each(|(to, from)| *to = *from);
+        self.stale.iter_mut().zip(stale).for_each(|(to, from)| *to = *from);
+    }
+
+    fn wgsl() -> String {
+        let own = "struct UmbView {\n    pool_words: u32,\n    pages: u32,\n    used_words: u32,\n    unused: u32,\n";
+        let lists = "    maps: array<UmbMap, UMB_MAPS>,\n    stale: array<UmbRect, UMB_STALE_RECTS>,\n}\n";
+        [Map::wgsl(), Rect::wgsl(), own.into(), lists.into()].concat()
     }
 }
 

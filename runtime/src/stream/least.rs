@@ -12,10 +12,10 @@ use crate::residency::slots::{BLOCK_WORDS, CLASSES, class_of, slot_words};
 const LONGEST_WAY: u32 = MAX_LOG2_RESOLUTION as u32;
 
 /// Pages of each class.
-type Classes = [u32; CLASSES];
+pub type Classes = [u32; CLASSES];
 
 /// Blocks that hold pages of these classes: a block has slots of one class.
-fn blocks(pages: &Classes) -> u32 {
+pub fn blocks(pages: &Classes) -> u32 {
     let words = |(class, &count): (u8, &u32)| u64::from(count) * u64::from(slot_words(class));
     let blocks: u64 = (0..).zip(pages).map(|c| words(c).div_ceil(BLOCK_WORDS.into())).sum();
     u32::try_from(blocks).unwrap_or(u32::MAX)
@@ -29,7 +29,7 @@ fn class(structure: &Structure, record: &PageRecord) -> Option<u8> {
 }
 
 /// The roots, which never leave.
-fn roots(structure: &Structure) -> Result<Classes, ReaderError> {
+pub fn roots(structure: &Structure) -> Result<Classes, ReaderError> {
     let mut pages = [0; CLASSES];
     for root in 0..structure.record().root_count.get() {
         if let Some(class) = class(structure, &structure.page_record(root)?) {
@@ -51,6 +51,18 @@ pub fn always_enough(structure: &Structure) -> Result<u32, ReaderError> {
     Ok(blocks(&roots(structure)?).saturating_add(LONGEST_WAY))
 }
 
+/// Blocks that are enough beside the roots for every page with all pages above it. Reads the index only where pages depend
+/// on shared ones, or where `exact` asks for the fewest.
+///
+/// # Errors
+/// As [`just_enough`].
+pub fn way(structure: &Structure, exact: bool) -> Result<u32, ReaderError> {
+    if !exact && structure.record().shared_pages.get() == 0 {
+        return Ok(LONGEST_WAY);
+    }
+    longest(structure, &[0; CLASSES])
+}
+
 /// Fewest blocks in which every page finds room beside the roots, all pages above it, and the shared pages that any of
 /// these depends on. Reads the whole index; a page whose record or list of dependencies can't be read is left out,
 /// as it can't be streamed either.
@@ -58,14 +70,18 @@ pub fn always_enough(structure: &Structure) -> Result<u32, ReaderError> {
 /// # Errors
 /// The index blocks of the roots can't be read.
 pub fn just_enough(structure: &Structure) -> Result<u32, ReaderError> {
-    let roots = roots(structure)?;
+    longest(structure, &roots(structure)?)
+}
+
+/// Blocks for the longest way beside pages of these classes.
+fn longest(structure: &Structure, roots: &Classes) -> Result<u32, ReaderError> {
     let count = structure.page_count() as usize;
     let records: Vec<Option<PageRecord>> = (0..structure.page_count()).map(|o| structure.page_record(o).ok()).collect();
     let class = |o: u32| class(structure, records.get(o as usize)?.as_ref()?);
     // What stands above each page, the roots aside; parents come before their children.
     let mut above = vec![[0u8; CLASSES]; count];
     let mut parents = vec![None; count];
-    let mut most = blocks(&roots);
+    let mut most = blocks(roots);
     for (ordinal, record) in (0..structure.record().tree_pages()).zip(&records) {
         let Some(record) = record else { continue };
         let mut way = above[ordinal as usize];

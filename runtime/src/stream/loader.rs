@@ -16,10 +16,23 @@ use crate::residency::{Child, LoadedPage};
 /// What became of a page.
 pub type Outcome = (u32, Result<LoadedPage, ReaderError>);
 
+/// A page to be read.
+#[derive(Debug, Clone)]
+pub struct Order {
+    /// Of which structure.
+    pub structure: Structure,
+    /// Place of that structure's first page in the page table.
+    pub base: u32,
+    /// Place of the page.
+    pub ordinal: u32,
+    /// Only what the index says of it is needed: its words are in the pool.
+    pub kept: bool,
+}
+
 /// Orders that no thread has taken yet, in the order in which they were given.
 #[derive(Debug, Default)]
 struct Orders {
-    waiting: VecDeque<u32>,
+    waiting: VecDeque<Order>,
     closed: bool,
 }
 
@@ -35,14 +48,14 @@ impl Desk {
     }
 
     /// The next order; none where no more will come.
-    fn next(&self) -> Option<u32> {
+    fn next(&self) -> Option<Order> {
         let mut orders = self.orders();
         loop {
             if orders.closed {
                 return None;
             }
-            if let Some(ordinal) = orders.waiting.pop_front() {
-                return Some(ordinal);
+            if let Some(order) = orders.waiting.pop_front() {
+                return Some(order);
             }
             orders = self.changed.wait(orders).unwrap_or_else(|e| e.into_inner());
         }
@@ -59,21 +72,21 @@ pub struct Loader {
 
 impl Loader {
     /// Starts `threads` threads, at least one.
-    pub fn start(structure: &Structure, threads: usize) -> Self {
+    pub fn start(threads: usize) -> Self {
         let desk = Arc::new(Desk::default());
         let (outgoing, outcomes) = mpsc::channel();
         let threads = (0..threads.max(1))
             .map(|_| {
-                let (structure, desk, outgoing) = (structure.clone(), desk.clone(), outgoing.clone());
-                std::thread::spawn(move || work(&structure, &desk, &outgoing))
+                let (desk, outgoing) = (desk.clone(), outgoing.clone());
+                std::thread::spawn(move || work(&desk, &outgoing))
             })
             .collect();
         Self { desk, outcomes, threads }
     }
 
     /// Asks for a page; returns at once.
-    pub fn order(&self, ordinal: u32) {
-        self.desk.orders().waiting.push_back(ordinal);
+    pub fn order(&self, order: Order) {
+        self.desk.orders().waiting.push_back(order);
         self.desk.changed.notify_one();
     }
 
@@ -81,7 +94,7 @@ impl Loader {
     pub fn cancel(&self, ordinal: u32) -> bool {
         let mut orders = self.desk.orders();
         let before = orders.waiting.len();
-        orders.waiting.retain(|o| *o != ordinal);
+        orders.waiting.retain(|o| o.ordinal != ordinal);
         orders.waiting.len() < before
     }
 
@@ -107,10 +120,12 @@ impl Drop for Loader {
     }
 }
 
-fn work(structure: &Structure, desk: &Desk, outgoing: &Sender<Outcome>) {
-    while let Some(ordinal) = desk.next() {
+fn work(desk: &Desk, outgoing: &Sender<Outcome>) {
+    while let Some(Order { structure, base, ordinal, kept }) = desk.next() {
+        let page = ordinal.wrapping_sub(base);
         // A source of the caller's may panic: then this page has failed, and the thread lives on.
-        let outcome = catch_unwind(AssertUnwindSafe(|| load(structure, ordinal))).unwrap_or_else(|_| {
+        let read = || if kept { describe(&structure, base, page) } else { load(&structure, base, page) };
+        let outcome = catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
             let source = Arc::new(std::io::Error::other("the source panicked"));
             Err(ReaderError::Io { file: structure.file().clone(), action: "read", source })
         });
@@ -120,31 +135,55 @@ fn work(structure: &Structure, desk: &Desk, outgoing: &Sender<Outcome>) {
     }
 }
 
-/// Reads a page and checks it as far as this version knows its kind: CRC and frame always, nodes where the kind has a
-/// layout. With it comes what the index says of its children.
-pub fn load(structure: &Structure, ordinal: u32) -> Result<LoadedPage, ReaderError> {
-    let frame = structure.page_bytes(ordinal)?.check_frame()?;
+/// What the index says of a page.
+pub fn told(structure: &Structure, record: &PageRecord) -> Child {
+    let list = if structure.kind() == Kind::Mmh { record.dep_count.get() } else { 0 };
+    Child {
+        bounds: Bounds::of(record),
+        words: u32::from(record.hot_words.get()) + u32::from(list),
+        hash: (record.dep_count.get() == 0).then_some(record.content_hash.get()),
+    }
+}
+
+/// Reads a page of a structure and checks it as far as this version knows its kind: CRC and frame always, nodes where the
+/// kind has a layout. With it comes what the index says of its children. In the answer page `o` of the structure is page
+/// `base + o`.
+///
+/// # Errors
+/// The page or its record can't be read, or breaks a rule.
+pub fn load(structure: &Structure, base: u32, page: u32) -> Result<LoadedPage, ReaderError> {
+    let frame = structure.page_bytes(page)?.check_frame()?;
     let record = *frame.record();
-    let dependencies = if record.dep_count.get() == 0 { Vec::new() } else { structure.dependencies(ordinal)? };
+    let mut dependencies = if record.dep_count.get() == 0 { Vec::new() } else { structure.dependencies(page)? };
+    // No structure has the place at which this saturates.
+    dependencies.iter_mut().for_each(|d| *d = d.saturating_add(base));
     let words: Arc<[u32]> = match structure.kind() {
         // Walks find the list behind the words; the check of the kind sees to it that both fit a slot.
         Kind::Mmh => [frame.check_kind()?.words(), &dependencies].concat().into(),
         kind if kind.has_layout() => frame.check_kind()?.words().into(),
         _ => frame.words().into(),
     };
+    Ok(LoadedPage { dependencies, words, ..indexed(structure, base, page, &record) })
+}
+
+/// The same without its words, for a page that depends on no other.
+fn describe(structure: &Structure, base: u32, page: u32) -> Result<LoadedPage, ReaderError> {
+    Ok(indexed(structure, base, page, &structure.page_record(page)?))
+}
+
+/// What the index has of a page.
+fn indexed(structure: &Structure, base: u32, page: u32, record: &PageRecord) -> LoadedPage {
     // The children's records stand together. Where they can't be read, the children can't be loaded either, and say why.
     let children = record.first_child.get()..record.children_end();
-    let told = |r: PageRecord| {
-        let list = if structure.kind() == Kind::Mmh { r.dep_count.get() } else { 0 };
-        Child { bounds: Bounds::of(&r), words: u32::from(r.hot_words.get()) + u32::from(list) }
-    };
-    let children: Result<Vec<Child>, ReaderError> = children.map(|o| structure.page_record(o).map(told)).collect();
-    Ok(LoadedPage {
-        ordinal,
-        first_child: record.first_child.get(),
+    let children: Result<Vec<Child>, ReaderError> =
+        children.map(|o| structure.page_record(o).map(|r| told(structure, &r))).collect();
+    LoadedPage {
+        ordinal: base.saturating_add(page),
+        first_child: record.first_child.get().saturating_add(base),
         child_count: record.child_count.get(),
         children: children.unwrap_or_default().into(),
-        dependencies,
-        words,
-    })
+        dependencies: Vec::new(),
+        hash: told(structure, record).hash,
+        words: Arc::default(),
+    }
 }

@@ -1,97 +1,146 @@
-//! Structure, residency and loader together: what a frame does on the CPU, for any executor.
+//! Structures, residency and loader together: what a frame does on the CPU, for any executor.
 //!
 //! [`Streamer::begin`] takes what the threads finished and what the device reported, and orders new pages;
 //! [`Streamer::frame`] says what to copy. Neither waits. The executor for wgpu is [`crate::gpu::GpuStreamer`].
+//!
+//! Several structures (lights, levels of a game) share one budget, one pool and one page table. A structure is attached,
+//! detached and replaced while frames go on ([`attached`]); which of their answers an engine can trust says
+//! [`Streamer::coverage`].
 
+pub mod attached;
+mod coverage;
 mod least;
 pub mod loader;
+mod stats;
 
 use std::time::Duration;
 
 use umbrage_reader::{ReaderError, Structure};
 
+pub use attached::StructureId;
+pub use coverage::Coverage;
+pub use stats::FrameStats;
+
 use crate::error::RuntimeError;
-use crate::residency::foresee::{Foresight, Viewpoint};
+use crate::residency::foresee::{Looks, MOST_BOXES, Viewpoint, Way};
 use crate::residency::{Budget, Config, Frame, Residency, Stats};
-use loader::{Loader, Outcome};
+use attached::Attached;
+use loader::{Loader, Order, Outcome};
+
+/// Frames for which [`Streamer::begin`] looks ahead of moving cameras, until told otherwise.
+const AHEAD: f64 = 12.0;
 
 /// A page that failed for the first time.
 #[derive(Debug, Clone)]
 pub struct PageFailure {
-    /// The page.
+    /// Of which structure.
+    pub structure: StructureId,
+    /// The page, as the structure counts.
     pub ordinal: u32,
     /// Why.
     pub error: ReaderError,
 }
 
-/// Divides `budget_bytes` for a structure: the parts, and what its state machine must know of them. Reads and errors as
+/// Divides `budget_bytes` for one structure: the parts, and what the state machine must know of them. Reads and errors as
 /// [`Streamer::new`].
 ///
 /// # Errors
 /// The budget is too small, or the index can't be read.
 pub fn divide(structure: &Structure, budget_bytes: u64, most_pool: u64) -> Result<(Budget, Config), RuntimeError> {
-    let record = structure.record();
-    let (pages, roots) = (structure.page_count(), record.root_count.get());
+    let pages = structure.page_count();
     // The index of a large file is read only where the budget is so small that the longest way down may not fit.
     let enough = Budget::divide(budget_bytes, pages, least::always_enough(structure)?, most_pool);
     let budget = match enough {
         Ok(budget) => budget,
         Err(_) => Budget::divide(budget_bytes, pages, least::just_enough(structure)?, most_pool)?,
     };
-    let config = Config {
-        pages,
-        roots,
-        shared: record.shared_pages.get(),
-        blocks: budget.blocks,
-        frame_bytes: budget.frame_bytes(),
-        host_bytes: budget.host,
-    };
-    Ok((budget, config))
+    Ok((budget, config(&budget, pages)))
 }
 
-/// Streams one structure.
+fn config(budget: &Budget, table: u32) -> Config {
+    Config { table, blocks: budget.blocks, frame_bytes: budget.frame_bytes(), host_bytes: budget.host }
+}
+
+/// Streams structures.
 #[derive(Debug)]
 pub struct Streamer {
-    structure: Structure,
     budget: Budget,
+    table: u32,
     residency: Residency,
-    foresight: Option<Foresight>,
     loader: Loader,
+    /// By number; none where one has gone.
+    attached: Vec<Option<Attached>>,
+    /// Times that a structure was attached.
+    attachments: u32,
     failures: Vec<PageFailure>,
     loads: u64,
     in_flight: u64,
+    /// Frames to look ahead; the cameras of the frame before.
+    ahead: f64,
+    views: Vec<Viewpoint>,
+    looks: Looks,
+    skips: Option<u32>,
+    /// Whether an executor must tell the device of structures.
+    changed: bool,
+    last: Stats,
+    frames: u64,
+    frame_stats: FrameStats,
 }
 
 impl Streamer {
     /// Divides `budget_bytes`, starts `threads` loader threads and orders the roots. Reads the index blocks of the
     /// roots, and all where the pool is small: below about 25 blocks of 64 KiB. `most_pool` is the largest pool that
-    /// the device binds, in bytes.
+    /// the device binds, in bytes. The page table has room for this structure alone.
     ///
     /// # Errors
     /// The budget can't hold tables, roots and any page with all pages above it: with fewer bytes than the error tells,
     /// some lookups would be answered by ancestors for ever. Or the index can't be read.
     pub fn new(structure: &Structure, budget_bytes: u64, most_pool: u64, threads: usize) -> Result<Self, RuntimeError> {
-        let (budget, config) = divide(structure, budget_bytes, most_pool)?;
-        Ok(Self {
-            structure: structure.clone(),
+        let (budget, _) = divide(structure, budget_bytes, most_pool)?;
+        let mut this = Self::over(budget, structure.page_count(), threads);
+        this.attach(structure)?;
+        Ok(this)
+    }
+
+    /// Without a structure; the page table has `table` entries, 16 bytes of the budget each: room for the pages of all
+    /// structures that are attached at a time, one that replaces another counted beside it.
+    ///
+    /// # Errors
+    /// The budget is too small for the table and a pool of one block.
+    pub fn with_table(budget_bytes: u64, table: u32, most_pool: u64, threads: usize) -> Result<Self, RuntimeError> {
+        Ok(Self::over(Budget::divide(budget_bytes, table, 1, most_pool)?, table, threads))
+    }
+
+    fn over(budget: Budget, table: u32, threads: usize) -> Self {
+        Self {
             budget,
-            residency: Residency::new(config),
-            foresight: Foresight::new(structure.lattice()),
-            loader: Loader::start(structure, threads),
+            table,
+            residency: Residency::new(config(&budget, table)),
+            loader: Loader::start(threads),
+            attached: Vec::new(),
+            attachments: 0,
             failures: Vec::new(),
             loads: 0,
             in_flight: 0,
-        })
-    }
-
-    /// The structure.
-    pub fn structure(&self) -> &Structure {
-        &self.structure
+            ahead: AHEAD,
+            views: Vec::new(),
+            looks: Looks::default(),
+            skips: Some(0),
+            changed: true,
+            last: Stats::default(),
+            frames: 0,
+            frame_stats: FrameStats::default(),
+        }
     }
 
     /// How the budget is divided.
     pub fn budget(&self) -> &Budget {
         &self.budget
+    }
+
+    /// Entries of the page table.
+    pub fn table(&self) -> u32 {
+        self.table
     }
 
     /// The state machine, to look at.
@@ -104,6 +153,11 @@ impl Streamer {
         self.residency.stats()
     }
 
+    /// What the last frame was like.
+    pub fn frame_stats(&self) -> FrameStats {
+        self.frame_stats
+    }
+
     /// Pages that the loader has read, those that failed included.
     pub fn loads(&self) -> u64 {
         self.loads
@@ -114,18 +168,34 @@ impl Streamer {
         self.in_flight != 0
     }
 
-    /// Asks for a page from the CPU side, as a walk that missed it does; see [`Residency::request`].
+    /// Asks for a page by its place in the page table, as a walk that missed it does; see [`Residency::request`].
     pub fn request(&mut self, ordinal: u32, weight: u32) {
         self.residency.request(ordinal, weight);
     }
 
-    /// Tells where the camera is, once a frame, so that pages are ordered ahead that it will need `frames` frames from now if it
-    /// goes on as it came. Reads nothing; gives how many pages it named.
-    pub fn look(&mut self, now: &Viewpoint, frames: f64) -> usize {
-        let (structure, roots) = (&self.structure, self.structure.record().root_count.get());
-        let Some(foresight) = &mut self.foresight else { return 0 };
-        // The blocks of children that the residency knows are in memory.
-        foresight.look(now, frames, &mut self.residency, roots, |o| structure.page_record(o).ok())
+    /// From now on [`begin`](Self::begin) looks so many frames ahead of its cameras; at first 12. 0: not at all.
+    pub fn look_ahead(&mut self, frames: f64) {
+        self.ahead = frames;
+    }
+
+    /// Tells where the cameras are, once a frame, always in the same order, so that pages are ordered ahead that they will
+    /// need `frames` frames from now if they go on as they came. Reads nothing; gives how many pages were named.
+    pub fn look(&mut self, views: &[Viewpoint], frames: f64) -> usize {
+        let mut named = 0;
+        let each = MOST_BOXES / (self.attached.len() * views.len()).max(1);
+        for attached in self.attached.iter_mut().flatten() {
+            let Some(foresight) = &attached.foresight else { continue };
+            let structure = &attached.structure;
+            for (before, now) in self.views.iter().zip(views) {
+                // The blocks of children that the residency knows are in memory.
+                let record = |o| structure.page_record(o).ok();
+                let way = Way { before, now, frames };
+                named += foresight.look(&way, &mut self.residency, &attached.span, &mut self.looks, each, record);
+            }
+        }
+        self.views.clear();
+        self.views.extend_from_slice(views);
+        named
     }
 
     /// One round of feedback from the device; see [`Residency::feedback`].
@@ -133,23 +203,33 @@ impl Streamer {
         self.residency.feedback(missed, used, overflow);
     }
 
-    /// Takes finished pages and orders new ones.
-    pub fn begin(&mut self) {
+    /// What the device said of a frame beside its pages: queries that an ancestor answered, and how many levels the
+    /// coarsest of these answers was above the level that was asked for.
+    pub fn answered(&mut self, by_ancestors: u32, worst_levels: u32) {
+        (self.frame_stats.by_ancestors, self.frame_stats.worst_levels) = (by_ancestors, worst_levels);
+    }
+
+    /// Takes finished pages and orders new ones, also such as the cameras will need.
+    pub fn begin(&mut self, views: &[Viewpoint]) {
         while let Some(outcome) = self.loader.take() {
             self.settle(outcome);
+        }
+        self.flip();
+        if self.ahead > 0.0 && !views.is_empty() {
+            self.look(views, self.ahead);
         }
         self.order();
     }
 
-    /// As [`begin`](Self::begin), but waits for one page where some are being read; at most `time`. Not for a render
-    /// thread.
+    /// As [`begin`](Self::begin) without cameras, but waits for one page where some are being read; at most `time`. Not for
+    /// a render thread.
     pub fn wait(&mut self, time: Duration) {
         if self.is_loading()
             && let Some(outcome) = self.loader.wait(time)
         {
             self.settle(outcome);
         }
-        self.begin();
+        self.begin(&[]);
     }
 
     fn order(&mut self) {
@@ -161,8 +241,10 @@ impl Streamer {
             }
         }
         for ordinal in self.residency.loads() {
+            let Some((structure, base)) = self.owner(ordinal) else { continue };
+            let order = Order { structure: structure.clone(), base, ordinal, kept: self.residency.is_kept(ordinal) };
             self.in_flight += 1;
-            self.loader.order(ordinal);
+            self.loader.order(order);
         }
     }
 
@@ -172,8 +254,10 @@ impl Streamer {
         match outcome {
             Ok(page) => self.residency.loaded(page),
             Err(error) => {
-                if self.residency.failed(ordinal) {
-                    self.failures.push(PageFailure { ordinal, error });
+                if self.residency.failed(ordinal)
+                    && let Some((structure, base)) = self.id_of(ordinal)
+                {
+                    self.failures.push(PageFailure { structure, ordinal: ordinal - base, error });
                 }
             }
         }
@@ -181,7 +265,12 @@ impl Streamer {
 
     /// What to copy before this frame's queries.
     pub fn frame(&mut self) -> Frame {
-        self.residency.frame()
+        let frame = self.residency.frame();
+        let now = self.residency.stats();
+        self.frames += 1;
+        self.frame_stats.follow(self.frames, &self.last, &now, self.in_flight);
+        self.last = now;
+        frame
     }
 
     /// Pages that failed since the last call; each is named once.

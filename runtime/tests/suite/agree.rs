@@ -26,7 +26,7 @@ pub fn ask(gpu: &mut GpuStreamer, root: u32, queries: &[[u32; 4]]) -> Answered {
 pub fn compare(answered: &Answered, structure: &Structure, root: u32, queries: &[[u32; 4]]) -> [usize; 3] {
     let Answered { answers, words, table } = answered;
     let log2 = structure.record().log2_resolution;
-    let pool = Pool { words, table, kind: structure.kind(), log2_resolution: log2, skips: None };
+    let pool = Pool { words, table, base: 0, stale: &[], kind: structure.kind(), log2_resolution: log2, skips: None };
     let pages: Vec<Option<CheckedPage>> =
         (0u32..).zip(table).map(|(o, e)| (e[0] != NONE).then(|| structure.page(o).expect("it was uploaded"))).collect();
     for ((page, entry), ordinal) in pages.iter().zip(table).zip(0u32..) {

@@ -7,7 +7,7 @@ use umbrage_reader::query::{PageView, vector};
 use umbrage_runtime::query::pool::NONE;
 use umbrage_runtime::query::{Answer, Pool};
 use umbrage_runtime::residency::Entry as TableEntry;
-use umbrage_runtime::shader::{self, FEEDBACK_USED, View};
+use umbrage_runtime::shader::{self, FEEDBACK_USED, Map, View};
 use wgpu::util::DeviceExt;
 
 use crate::support::device;
@@ -76,15 +76,16 @@ impl Bare {
         let headless = device();
         let device = &headless.device;
         let used_words = 1u32;
-        let view = View {
-            pool_words: pool.words.len() as u32,
-            pages: pool.table.len() as u32,
+        let map = Map {
             log2_resolution: pool.log2_resolution.into(),
-            used_words,
             kind: pool.kind.code(),
             skips: pool.skips.is_some().into(),
             error: pool.skips.unwrap_or(0),
+            ..Map::NONE
         };
+        let (pool_words, pages) = (pool.words.len() as u32, pool.table.len() as u32);
+        let mut view = View { pool_words, pages, used_words, ..bytemuck::Zeroable::zeroed() };
+        view.tell(&[map], &[]);
         let buffer = |contents: &[u8], usage| {
             let usage = usage | wgpu::BufferUsages::COPY_SRC;
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
@@ -172,7 +173,15 @@ fn places_inside_texels_answer_as_twin_reader_and_naive_tree() {
         let tree = grow(&mut |n| dice.roll(n), log2, true, bushy);
         let (pages, first_children) = laid(&tree, log2);
         let (words, table) = pool(&pages, &first_children);
-        let pool = Pool { words: &words, table: &table, kind: Kind::Vector, log2_resolution: log2, skips: None };
+        let pool = Pool {
+            words: &words,
+            table: &table,
+            base: 0,
+            stale: &[],
+            kind: Kind::Vector,
+            log2_resolution: log2,
+            skips: None,
+        };
         let lookups: Vec<Lookup> = (0..500_000)
             .map(|_| {
                 let at = [0; 2].map(|_| dice.roll(1 << log2));
@@ -226,7 +235,15 @@ fn entries_at_the_extremes_of_their_fields() {
     let nodes: Vec<Node> = entries.into_iter().map(|e| Node::leaf(e).proven()).collect();
     let laid: Vec<Vec<u32>> = nodes.iter().map(|n| pages(n, LOG2).remove(0).words).collect();
     let (words, table) = pool(&laid, &vec![0; laid.len()]);
-    let pool = Pool { words: &words, table: &table, kind: Kind::Vector, log2_resolution: LOG2, skips: None };
+    let pool = Pool {
+        words: &words,
+        table: &table,
+        base: 0,
+        stale: &[],
+        kind: Kind::Vector,
+        log2_resolution: LOG2,
+        skips: None,
+    };
     let side = 1u32 << LOG2;
     let mut lookups = Vec::new();
     for root in 0..nodes.len() as u32 {
@@ -290,7 +307,7 @@ fn words_that_no_check_has_seen() {
         let kind = [Kind::Vector, Kind::Vector, Kind::Vector, Kind::Mh, Kind::Mmh, Kind::Stack][round % 6];
         // A view may lie, too.
         let log2_resolution = if dice.roll(16) == 0 { dice.roll(256) as u8 } else { log2 };
-        let pool = Pool { words: &words, table: &table, kind, log2_resolution, skips: None };
+        let pool = Pool { words: &words, table: &table, base: 0, stale: &[], kind, log2_resolution, skips: None };
         let pages = table.len() as u32;
         let lookups: Vec<Lookup> = (0..4000)
             .map(|_| {

@@ -52,7 +52,15 @@ fn hold(name: &str, structure: &Structure, seed: u64) {
         let states = gpu.filter(0, &queries).unwrap();
         let (words, table) = gpu.read_back().unwrap();
         let log2_resolution = structure.record().log2_resolution;
-        let pool = Pool { words: &words, table: &table, kind: structure.kind(), log2_resolution, skips: Some(0) };
+        let pool = Pool {
+            words: &words,
+            table: &table,
+            base: 0,
+            stale: &[],
+            kind: structure.kind(),
+            log2_resolution,
+            skips: Some(0),
+        };
         let mut seen = [0; 5];
         for ((q, state), naive) in queries.iter().zip(&states).zip(&naive) {
             assert_eq!(*state, pool.filter(0, q), "{name}: twin, {q:?}");

@@ -62,7 +62,7 @@ fn adaptive_shared_stack_and_flat_pages_pass_unchanged() {
         for _ in 0..20 {
             gpu.streamer_mut().wait(std::time::Duration::from_millis(20));
             (0..structure.page_count()).for_each(|o| gpu.streamer_mut().request(o, 1));
-            gpu.begin();
+            gpu.begin(&[]);
             let mut encoder = headless.device.create_command_encoder(&Default::default());
             gpu.record(&mut encoder);
             gpu.end(&mut encoder);

@@ -8,7 +8,9 @@ mod engine;
 mod filter;
 mod later;
 mod parity;
+mod several;
 mod skip;
+mod steady;
 mod support;
 // The naive tree of the reader's tests, and files made of it.
 #[allow(dead_code)]

@@ -18,7 +18,7 @@ use crate::tree::Dice;
 
 /// Streams whatever the dice ask for until nothing more comes; with `all`, every page.
 pub fn fill(gpu: &mut GpuStreamer, dice: &mut Dice, all: bool) {
-    let pages = gpu.streamer().structure().page_count();
+    let pages = gpu.streamer().table();
     let wanted: Vec<bool> = (0..pages).map(|_| all || dice.roll(3) != 0).collect();
     for _ in 0..60 {
         for (ordinal, _) in (0u32..).zip(&wanted).filter(|(_, w)| **w) {
@@ -41,7 +41,7 @@ fn compare(gpu: &mut GpuStreamer, structure: &Structure, root: u32, queries: &[[
     if queries.len() > 100_000 {
         let Answered { words, table, .. } = &answered;
         let log2_resolution = structure.record().log2_resolution;
-        let pool = Pool { words, table, kind: structure.kind(), log2_resolution, skips: None };
+        let pool = Pool { words, table, base: 0, stale: &[], kind: structure.kind(), log2_resolution, skips: None };
         let start = Instant::now();
         let sum = queries.iter().map(|q| u64::from(pool.answer(root, *q)[0])).fold(0, u64::wrapping_add);
         eprintln!("device with reading back {device_time:.1?}, twin on one core {:.1?} (sum {sum})", start.elapsed());

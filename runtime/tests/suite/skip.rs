@@ -46,7 +46,8 @@ fn hold(name: &str, structure: &Structure, seed: u64) {
         let once = ViewOptions { max_frames: 1, ..ViewOptions::default() };
         let view = gpu.answer_view(&receivers, &once).unwrap();
         let (words, table) = gpu.read_back().unwrap();
-        let pool = Pool { words: &words, table: &table, kind: structure.kind(), log2_resolution, skips };
+        let pool =
+            Pool { words: &words, table: &table, base: 0, stale: &[], kind: structure.kind(), log2_resolution, skips };
         let (mut settled, mut missing) = (0, 0);
         for (r, p) in receivers.iter().zip(&view.pixels) {
             let Shadow { state, missing: missed, .. } = pool.shadow(0, [r.x, r.y], r.level.into(), r.depth);
@@ -128,7 +129,7 @@ fn pages_that_a_moving_camera_will_need_come_by_themselves() {
     let at = |x: f64| Viewpoint { eye: [x, 30.0, 0.0], axes, half: [0.8, 0.45], pixels: [1280, 720] };
     let mut named = 0;
     for n in 0..120 {
-        named += streamer.look(&at(f64::from(n) * 100.0 - 14000.0), 20.0);
+        named += streamer.look(&[at(f64::from(n) * 100.0 - 14000.0)], 20.0);
         frame(&mut streamer);
     }
     let came = streamer.stats().resident;
@@ -141,6 +142,6 @@ fn pages_that_a_moving_camera_will_need_come_by_themselves() {
         frame(&mut away);
     }
     let back = |x: f64| Viewpoint { axes: [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]], ..at(x) };
-    assert_eq!((0..50).map(|n| away.look(&back(f64::from(n) * -10.0 - 500.0), 20.0)).sum::<usize>(), 0);
-    assert_eq!((0..5).map(|_| streamer.look(&at(-300.0), 20.0)).skip(1).sum::<usize>(), 0);
+    assert_eq!((0..50).map(|n| away.look(&[back(f64::from(n) * -10.0 - 500.0)], 20.0)).sum::<usize>(), 0);
+    assert_eq!((0..5).map(|_| streamer.look(&[at(-300.0)], 20.0)).skip(1).sum::<usize>(), 0);
 }

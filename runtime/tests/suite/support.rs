@@ -9,6 +9,7 @@ use umbrage_runtime::Headless;
 use umbrage_writer::bake::{BakeOptions, Light, bake};
 use umbrage_writer::container::ContainerOptions;
 use umbrage_writer::hierarchy::build::Progress;
+use umbrage_writer::mesh::Mesh;
 use umbrage_writer::solid::Policy;
 
 use crate::mmh_tree::{self, Piece};
@@ -50,6 +51,11 @@ pub fn city_as(path: &Path, resolution: u64, kind: Kind) -> Vec<u8> {
 /// The same, with cold pages or without.
 pub fn city_with(path: &Path, resolution: u64, kind: Kind, cold: bool) -> Vec<u8> {
     let mesh = umbrage_writer::scene::generated("city:1:0.05").unwrap().unwrap();
+    city_of(&mesh, path, resolution, kind, cold)
+}
+
+/// A mesh under that city's light.
+pub fn city_of(mesh: &Mesh, path: &Path, resolution: u64, kind: Kind, cold: bool) -> Vec<u8> {
     let options = BakeOptions {
         lights: vec![Light { name: "sun".into(), direction: [0.4, -1.0, 0.3] }],
         resolution,
@@ -61,7 +67,7 @@ pub fn city_with(path: &Path, resolution: u64, kind: Kind, cold: bool) -> Vec<u8
         memory_bytes: None,
         cold,
     };
-    bake(&mesh, &options, path, &Progress::default()).unwrap();
+    bake(mesh, &options, path, &Progress::default()).unwrap();
     std::fs::read(path).unwrap()
 }
 

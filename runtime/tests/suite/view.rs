@@ -319,7 +319,7 @@ fn no_frame_waits_for_a_slow_disk() {
     for ordinal in 1..40 {
         gpu.streamer_mut().request(ordinal, 1);
         let start = Instant::now();
-        gpu.begin();
+        gpu.begin(&[]);
         let mut encoder = headless.device.create_command_encoder(&Default::default());
         gpu.record(&mut encoder);
         gpu.end(&mut encoder);

@@ -18,17 +18,19 @@ struct UmbShare {
     inside: bool,
     // A page that a tap needed, did not get and could not do without, or UMB_NO_PAGE: ancestors answered for a part of the taps.
     missing: u32,
+    // UMB_STALE where the receiver's texel is out of date, else 0.
+    stale: u32,
 }
 
 // Goes on by the structure's kind; one that has no walk ends as one whose root is missing.
 fn umb_go(from_walk: UmbWalk, x: u32, y: u32, level: u32) -> UmbWalk {
-    if umb_view.kind == UMB_KIND_VECTOR {
+    if umb_view.maps[umb_selected].kind == UMB_KIND_VECTOR {
         return umb_go_vector(from_walk, x, y, level);
     }
-    if umb_view.kind == UMB_KIND_MH {
+    if umb_view.maps[umb_selected].kind == UMB_KIND_MH {
         return umb_go_mh(from_walk, x, y, level);
     }
-    if umb_view.kind == UMB_KIND_MMH {
+    if umb_view.maps[umb_selected].kind == UMB_KIND_MMH {
         return umb_go_mmh(from_walk, x, y, level);
     }
     var w = from_walk;
@@ -54,13 +56,13 @@ fn umb_rise(gradient: i32, v: u32, own: u32, level: u32) -> vec2<u32> {
 fn umb_pcf(root: u32, r: UmbReceiver, side: u32, level: u32) -> UmbShare {
     let n = clamp(side, 1u, UMB_MAX_SIDE);
     if umb_outside(r.x, r.y) {
-        return UmbShare(n * n, n * n, false, UMB_NO_PAGE);
+        return UmbShare(n * n, n * n, false, UMB_NO_PAGE, 0u);
     }
     let l = min(level, umb_top());
     let own = vec2<u32>(r.x, r.y) >> vec2<u32>(l);
     let low = own - min(own, vec2<u32>(n / 2u));
     let high = min(own + vec2<u32>(n - 1u - n / 2u), vec2<u32>((1u << (umb_top() - l)) - 1u));
-    let is_vector = umb_view.kind == UMB_KIND_VECTOR;
+    let is_vector = umb_view.maps[umb_selected].kind == UMB_KIND_VECTOR;
     let levels = umb_common_levels(low, high);
     let together = umb_go(
         umb_start(root, select(UMB_ROOT_GROUP, 0u, is_vector)), low.x << l, low.y << l, l + levels,
@@ -68,7 +70,7 @@ fn umb_pcf(root: u32, r: UmbReceiver, side: u32, level: u32) -> UmbShare {
     umb_end(together);
     // Taps outside the map are lit.
     let size = high - low + vec2<u32>(1u);
-    var share = UmbShare(n * n - size.x * size.y, n * n, true, UMB_NO_PAGE);
+    var share = UmbShare(n * n - size.x * size.y, n * n, true, UMB_NO_PAGE, umb_stale(r.x, r.y));
     // A node that answers all has one part.
     let shift = select(max(levels, 1u) - 1u, levels, together.ended);
     let first = low >> vec2<u32>(shift);
@@ -170,12 +172,14 @@ fn umb_trilinear(root: u32, r: UmbReceiver, side: u32, lod: u32) -> UmbShare {
         coarser = umb_pcf(root, r, side, level + 1u);
     }
     let lit = finer.lit * ((1u << UMB_LOD_BITS) - part) + coarser.lit * part;
-    return UmbShare(lit, finer.taps << UMB_LOD_BITS, finer.inside, min(finer.missing, coarser.missing));
+    let missing = min(finer.missing, coarser.missing);
+    return UmbShare(lit, finer.taps << UMB_LOD_BITS, finer.inside, missing, finer.stale);
 }
 
-// UMB_LIT (all taps), UMB_ANCESTOR, UMB_OUTSIDE, UMB_EXACT as bits, the lit taps above them.
+// UMB_LIT (all taps), UMB_ANCESTOR, UMB_OUTSIDE, UMB_EXACT, UMB_STALE as bits, the lit taps above them.
 fn umb_share_state(share: UmbShare) -> u32 {
     var state = (share.lit << UMB_SHARE_SHIFT) | select(UMB_ANCESTOR, UMB_EXACT, share.missing == UMB_NO_PAGE);
+    state |= share.stale;
     if share.lit == share.taps {
         state |= UMB_LIT;
     }

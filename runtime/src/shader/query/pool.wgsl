@@ -21,7 +21,34 @@ struct UmbPage {
     first_child: u32,
 }
 
-// A page by its ordinal. Whatever table and frame say, base + words does not leave the pool.
+// The structure that is asked.
+var<private> umb_selected: u32 = 0u;
+
+// From now on structure `number` is asked.
+fn umb_select(number: u32) {
+    umb_selected = min(number, UMB_MAPS - 1u);
+}
+
+// Place of root `root` in the table. No structure has the place at which this saturates.
+fn umb_root(root: u32) -> u32 {
+    let base = umb_view.maps[umb_selected].base;
+    return base + min(root, 0xFFFFFFFFu - base);
+}
+
+// UMB_STALE where what was baked for a texel is out of date, else 0.
+fn umb_stale(x: u32, y: u32) -> u32 {
+    let first = umb_view.maps[umb_selected].stale_first;
+    let count = min(umb_view.maps[umb_selected].stale_count, UMB_STALE_RECTS);
+    for (var i = 0u; i < count; i++) {
+        let rect = umb_view.stale[min(first + i, UMB_STALE_RECTS - 1u)];
+        if x >= rect.x0 && x < rect.x1 && y >= rect.y0 && y < rect.y1 {
+            return UMB_STALE;
+        }
+    }
+    return 0u;
+}
+
+// A page by its place in the table. Whatever table and frame say, base + words does not leave the pool.
 fn umb_page(ordinal: u32) -> UmbPage {
     if ordinal >= umb_view.pages {
         return UmbPage(false, 0u, 0u, 0u);
@@ -81,7 +108,11 @@ fn umb_request(ordinal: u32, weight: u32) {
 // off on the screen.
 fn umb_want(d: UmbAnswer, level: u32) {
     if d.missing != UMB_NO_PAGE {
-        umb_request(d.missing, 1u << min(d.level - min(d.level, level), UMB_MOST_GAP));
+        let gap = d.level - min(d.level, level);
+        umb_request(d.missing, 1u << min(gap, UMB_MOST_GAP));
+        if atomicLoad(&umb_feedback[3]) < gap {
+            atomicMax(&umb_feedback[3], gap);
+        }
     }
 }
 
@@ -100,12 +131,12 @@ fn umb_use(base: u32) {
 
 // Level of the root.
 fn umb_top() -> u32 {
-    return min(umb_view.log2_resolution, UMB_MAX_LOG2);
+    return min(umb_view.maps[umb_selected].log2_resolution, UMB_MAX_LOG2);
 }
 
 // What a walk from a root knows before its first page.
 fn umb_nothing(root: u32) -> UmbAnswer {
-    return UmbAnswer(UMB_UNCOVERED, umb_view.log2_resolution, root, 0u, UMB_NO_PAGE);
+    return UmbAnswer(UMB_UNCOVERED, umb_view.maps[umb_selected].log2_resolution, umb_root(root), 0u, UMB_NO_PAGE);
 }
 
 // Which child a texel lies in, of a group of nodes at `level`.
@@ -146,13 +177,14 @@ struct UmbWalk {
 
 // A walk at the group of a root, which is `group` in its page.
 fn umb_start(root: u32, group: u32) -> UmbWalk {
-    let page = umb_page(root);
     var d = umb_nothing(root);
+    let first = d.page;
+    let page = umb_page(first);
     if !page.resident {
-        d.missing = root;
+        d.missing = first;
     }
     let mask = (umb_word(page, UMB_FRAME_MASK_WORD) >> UMB_FRAME_MASK_SHIFT) & 0xFFu;
-    return UmbWalk(d, page, page.base, root, mask, group, umb_top(), 0u, false, !page.resident, 0u, false, page, 0u);
+    return UmbWalk(d, page, page.base, first, mask, group, umb_top(), 0u, false, !page.resident, 0u, false, page, 0u);
 }
 
 // Notes the page that a walk has come to.
@@ -172,11 +204,12 @@ struct UmbBounds {
 }
 
 fn umb_bounds(ordinal: u32) -> UmbBounds {
-    if umb_view.skips == 0u || ordinal >= umb_view.pages {
+    if umb_view.maps[umb_selected].skips == 0u || ordinal >= umb_view.pages {
         return UmbBounds(0u, 0u, false, false);
     }
     let entry = umb_table[ordinal];
-    let suffices = umb_view.error != 0u && entry.y <= umb_view.error;
+    let error = umb_view.maps[umb_selected].error;
+    let suffices = error != 0u && entry.y <= error;
     return UmbBounds(entry.z, entry.w, suffices, entry.x == UMB_NOT_RESIDENT);
 }
 
@@ -187,7 +220,7 @@ fn umb_shadow(root: u32, x: u32, y: u32, level: u32, depth: u32) -> u32 {
         return UMB_LIT | UMB_OUTSIDE | UMB_EXACT;
     }
     let d = umb_walk(root, x, y, level);
-    var state = umb_state(d, depth);
+    var state = umb_state(d, depth) | umb_stale(x, y);
     if d.missing == UMB_NO_PAGE {
         return state;
     }

@@ -5,9 +5,9 @@ use std::collections::{HashMap, VecDeque};
 use umbrage::reader::{Container, Structure};
 use umbrage_runtime::query::Pool;
 use umbrage_runtime::query::pool::{ANCESTOR, NONE};
-use umbrage_runtime::residency::foresee::{Foresight, Viewpoint};
+use umbrage_runtime::residency::foresee::{Foresight, Looks, MOST_BOXES, Viewpoint, Way};
 use umbrage_runtime::residency::slots::UNIT_WORDS;
-use umbrage_runtime::residency::{ABSENT, Budget, Entry, LoadedPage, Op, Residency, Stats};
+use umbrage_runtime::residency::{ABSENT, Budget, Child, Entry, LoadedPage, Op, Residency, Span, Stats};
 use umbrage_runtime::stream::{self, loader};
 
 use super::Asked;
@@ -57,7 +57,10 @@ pub struct Device {
     budget: Budget,
     rates: Rates,
     residency: Residency,
+    span: Span,
     foresight: Option<Foresight>,
+    before: Option<Viewpoint>,
+    looks: Looks,
     words: Vec<u32>,
     table: Vec<Entry>,
     feedback: VecDeque<Feedback>,
@@ -79,13 +82,22 @@ impl Device {
                 e => Err(e),
             })
             .map_err(Failure::target)?;
+        let record = structure.record();
+        let told = |o| structure.page_record(o).map(|r| loader::told(structure, &r));
+        let roots: Vec<Child> = (0..record.root_count.get()).map(told).collect::<Result<_, _>>()?;
+        let mut residency = Residency::new(config);
+        let shared = record.shared_pages.get();
+        let span = residency.attach(structure.page_count(), shared, roots.into()).map_err(Failure::target)?;
         let mut this = Self {
             container: container.clone(),
             structure: structure.clone(),
             budget,
             rates,
-            residency: Residency::new(config),
+            residency,
+            span,
             foresight: Foresight::new(structure.lattice()),
+            before: None,
+            looks: Looks::default(),
             words: vec![0; (budget.pool() / 4) as usize],
             table: vec![ABSENT; structure.page_count() as usize],
             feedback: VecDeque::new(),
@@ -137,8 +149,10 @@ impl Device {
         if let (Some((from, ahead)), Some(foresight)) = (from, &mut self.foresight)
             && ahead > 0.0
         {
-            let (structure, roots) = (&self.structure, self.structure.record().root_count.get());
-            foresight.look(from, ahead, &mut self.residency, roots, |o| structure.page_record(o).ok());
+            let (structure, before) = (&self.structure, self.before.replace(*from).unwrap_or(*from));
+            let record = |o| structure.page_record(o).ok();
+            let way = Way { before: &before, now: from, frames: ahead };
+            foresight.look(&way, &mut self.residency, &self.span, &mut self.looks, MOST_BOXES, record);
         }
         self.read()?;
         let frame = self.residency.frame();
@@ -167,7 +181,7 @@ impl Device {
         }
         for ordinal in self.residency.loads() {
             let bytes = self.structure.page_record(ordinal)?.stored_bytes();
-            let page = loader::load(&self.structure, ordinal)?;
+            let page = loader::load(&self.structure, 0, ordinal)?;
             let begins = self.idle_at.max(self.now);
             let comes = begins + self.rates.latency + bytes as f64 / self.rates.bytes_per_second;
             self.idle_at = comes;
@@ -188,6 +202,8 @@ impl Device {
         let pool = Pool {
             words: &self.words,
             table: &self.table,
+            base: 0,
+            stale: &[],
             kind: self.structure.kind(),
             log2_resolution: self.structure.record().log2_resolution,
             skips: Some(0),
