@@ -203,7 +203,7 @@ impl GpuStreamer {
     /// A root can't be read, or finds no room.
     pub fn wait_ready(&mut self) -> Result<(), RuntimeError> {
         let (mut admitted, mut idle) = (0, 0);
-        while !self.streamer.residency().roots_resident() {
+        while self.streamer.is_settling() {
             self.streamer.wait(Duration::from_millis(100));
             if let Some(failure) = self.streamer.take_failures().into_iter().next() {
                 return Err(failure.error.into());
@@ -212,12 +212,10 @@ impl GpuStreamer {
             let now = self.streamer.stats();
             idle = if now.admitted == admitted && !self.streamer.is_loading() { idle + 1 } else { 0 };
             admitted = now.admitted;
-            if idle == ROOTS_IDLE {
+            if idle == ROOTS_IDLE && !self.streamer.residency().roots_resident() {
                 return Err(RuntimeError::Roots { resident: now.resident, budget: self.streamer.budget().total });
             }
         }
-        // They begin to answer.
-        self.begin(&[]);
         Ok(())
     }
 

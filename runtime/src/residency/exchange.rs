@@ -39,7 +39,7 @@ impl Child {
     }
 
     /// What tells it from pages of other content.
-    pub(super) fn content(&self) -> Option<Content> {
+    pub fn content(&self) -> Option<Content> {
         self.hash.map(|h| (h, self.words))
     }
 }

@@ -36,6 +36,7 @@ use std::collections::{BTreeSet, HashMap, VecDeque};
 
 pub use budget::{Budget, BudgetError};
 pub use exchange::{ABSENT, Child, Config, Entry, Frame, LoadedPage, Op, Stats};
+pub use heirs::Content;
 pub use span::{Span, TableFull};
 
 use crate::query::pool::NOT_RESIDENT;
@@ -116,6 +117,8 @@ pub struct Residency {
     ready_bytes: u64,
     failures: Failures,
     dirty: BTreeSet<u32>,
+    /// Versions that have their pages and do not answer yet: until they do nothing moves.
+    frozen: u32,
     /// Children of which the device does not know yet what the index says: first ordinal and the one behind the last.
     untold: VecDeque<(u32, u32)>,
     round: u64,
@@ -141,6 +144,7 @@ impl Residency {
             ready_bytes: 0,
             failures: Failures::default(),
             dirty: BTreeSet::new(),
+            frozen: 0,
             untold: VecDeque::new(),
             round: 0,
             frames: 0,
@@ -360,7 +364,8 @@ impl Residency {
         self.want_roots();
         let mut frame = Frame::default();
         let mut bytes = 0;
-        for (_, depth, ordinal) in self.ready.clone() {
+        let ready = if self.frozen == 0 { self.ready.clone() } else { BTreeSet::new() };
+        for (_, depth, ordinal) in ready {
             let Some(Want { state: State::Ready(page), needed, .. }) = self.wants.get(&ordinal) else { continue };
             let needed = *needed;
             let page_bytes = page.words.len() as u64 * 4;
@@ -403,37 +408,46 @@ impl Residency {
             let Some((at, words)) = place else { continue };
             let Some(page) = self.unready(ordinal, None) else { continue };
             bytes += page_bytes;
-            self.stats.admitted += 1;
             self.stats.uploaded_bytes += page_bytes;
-            self.stats.resident_words += u64::from(words);
-            self.dirty.insert(ordinal);
-            let resident = Resident {
-                at,
-                words,
-                hash: page.hash,
-                first_child: page.first_child,
-                child_count: page.child_count,
-                children: page.children,
-                depth,
-                stamp: self.round + GRACE,
-                dependents: 0,
-                needs,
-                pinned: root,
-            };
-            if !resident.children.is_empty() {
-                self.untold.push_back((page.first_child, page.first_child.saturating_add(page.child_count.into())));
-            }
-            self.residents.insert(ordinal, resident);
+            let upload = page.words.clone();
+            self.settle(page, [at, words], depth, needs, root);
             if heir.is_none() {
-                frame.ops.push(Op::Upload { at, words: page.words });
+                frame.ops.push(Op::Upload { at, words: upload });
             }
         }
         self.revise();
         self.tell();
         self.free_spans();
-        let dirty = std::mem::take(&mut self.dirty);
+        let mut dirty = std::mem::take(&mut self.dirty);
+        if let Some(&next) = dirty.iter().nth(MAX_DIRTY as usize) {
+            self.dirty = dirty.split_off(&next);
+        }
         frame.table = dirty.into_iter().map(|o| (o, self.entry(o))).collect();
         frame
+    }
+
+    /// A page lives from now on, in words `words` from word `at` on.
+    fn settle(&mut self, page: LoadedPage, [at, words]: [u32; 2], depth: u32, needs: Vec<u32>, pinned: bool) {
+        self.stats.admitted += 1;
+        self.stats.resident_words += u64::from(words);
+        self.dirty.insert(page.ordinal);
+        if !page.children.is_empty() {
+            self.untold.push_back((page.first_child, page.first_child.saturating_add(page.child_count.into())));
+        }
+        let resident = Resident {
+            at,
+            words,
+            hash: page.hash,
+            first_child: page.first_child,
+            child_count: page.child_count,
+            children: page.children,
+            depth,
+            stamp: self.round + GRACE,
+            dependents: 0,
+            needs,
+            pinned,
+        };
+        self.residents.insert(page.ordinal, resident);
     }
 
     /// Puts what the index says of the children of new pages into the frame's table, as far as it reaches.

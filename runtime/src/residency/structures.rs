@@ -1,10 +1,11 @@
 //! Structures that come, go and are replaced.
 
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::heirs::Content;
-use super::{Child, Residency, Span, State, TableFull};
+use super::{Child, LoadedPage, Residency, Span, State, TableFull};
 
 impl Residency {
     /// A structure takes a place in the page table, and its roots are wanted; gives where. `shared` of its `pages` are
@@ -40,6 +41,44 @@ impl Residency {
         }
         self.heirs.add(base, self.frames + frames, pages.into_iter());
         true
+    }
+
+    /// What the pages of a structure hold that live in the pool, and how many hold it.
+    pub fn contents(&self, span: &Span) -> HashMap<Content, u32> {
+        let mut contents = HashMap::new();
+        for ordinal in self.residents.within(span.base..span.end()) {
+            if let Some(content) = self.content(ordinal) {
+                *contents.entry(content).or_default() += 1;
+            }
+        }
+        contents
+    }
+
+    /// Pages of a new version, parents first and without words, take the slots of equal ones of the version that was
+    /// [retired](Self::retire) at once. What was walked before can still be walked: until [`thaw`](Self::thaw) nothing comes,
+    /// goes or moves, and [`is_told`](Self::is_told) says when the device knows all of them.
+    pub fn take_over(&mut self, pages: Vec<LoadedPage>) {
+        self.frozen += 1;
+        for page in pages {
+            let parent = self.residents.parent(page.ordinal);
+            let depth = parent.and_then(|p| self.residents.get(p)).map(|p| p.depth + 1);
+            let known = self.is_resident(page.ordinal) || self.spans.find(page.ordinal).is_none();
+            let (Some(parent), Some(depth), false) = (parent, depth, known) else { continue };
+            let place = self.heir(page.ordinal).and_then(|heir| self.inherit(heir, page.ordinal));
+            let Some((at, words)) = place else { continue };
+            self.forget(page.ordinal);
+            self.settle(page, [at, words], depth, vec![parent], false);
+        }
+    }
+
+    /// Whether the device knows of every page where it is.
+    pub fn is_told(&self) -> bool {
+        self.dirty.is_empty()
+    }
+
+    /// The version for which [`take_over`](Self::take_over) was called answers.
+    pub fn thaw(&mut self) {
+        self.frozen = self.frozen.saturating_sub(1);
     }
 
     /// Whether a page's words need not be read, because the pool has them from the version before. What is handed to
@@ -136,15 +175,21 @@ impl Residency {
         let wanted: Vec<u32> = self.wants.keys().copied().filter(|o| places.contains(o)).collect();
         for ordinal in wanted {
             // What is being read stays until it has come: its place is not free before.
-            let loading = self.wants.get(&ordinal).is_some_and(|w| matches!(w.state, State::Loading));
-            if !loading
-                && self.unready(ordinal, None).is_none()
-                && let Some(want) = self.wants.remove(&ordinal)
-            {
-                self.queue.remove(&want.rank(ordinal));
+            if !self.wants.get(&ordinal).is_some_and(|w| matches!(w.state, State::Loading)) {
+                self.forget(ordinal);
             }
         }
         Some(places)
+    }
+
+    /// A page is wanted no more.
+    fn forget(&mut self, ordinal: u32) {
+        if !self.forget_load(ordinal)
+            && self.unready(ordinal, None).is_none()
+            && let Some(want) = self.wants.remove(&ordinal)
+        {
+            self.queue.remove(&want.rank(ordinal));
+        }
     }
 
     /// All pages of places go, and the device is told so.

@@ -217,7 +217,6 @@ proptest! {
         noise in prop::collection::vec(prop::collection::vec(any::<u32>(), 0..60), 0..30),
     ) {
         let count = pages.records.len() as u32;
-        // Room for one path, rounded up by class, beside all roots.
         let mut world = World::new(pages.clone(), pages.roots + 9);
         for targets in noise {
             let targets: Vec<u32> = targets.into_iter().map(|t| t % count).collect();
@@ -225,8 +224,14 @@ proptest! {
         }
         let target = seed % count;
         let path = pages.path(target);
-        let blocks: u32 = path.iter().map(|&p| slot_words(class_of(pages.records[p as usize].2).unwrap())).sum();
-        prop_assume!(blocks.div_ceil(BLOCK_WORDS) <= 7);
+        // A block has slots of one class.
+        let mut words: HashMap<u8, u32> = HashMap::new();
+        for page in path.iter().copied().chain(0..pages.roots).collect::<BTreeSet<u32>>() {
+            let class = class_of(pages.records[page as usize].2).unwrap();
+            *words.entry(class).or_default() += slot_words(class);
+        }
+        let blocks: u32 = words.values().map(|w| w.div_ceil(BLOCK_WORDS)).sum();
+        prop_assume!(blocks <= pages.roots + 9);
         let frames = (0..400).find(|_| world.frame(&[target], |_| false) == 0);
         prop_assert!(frames.is_some(), "page {target} never came: {:?}", world.residency.stats());
     }

@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use umbrage_reader::{ReaderError, Structure};
 
+use super::Streamer;
 use super::least::{self, Classes};
-use super::{Streamer, loader};
+use super::loader::{self, Order, What};
 use crate::error::RuntimeError;
 use crate::residency::foresee::Foresight;
 use crate::residency::slots::CLASSES;
-use crate::residency::{Budget, Child, Span};
+use crate::residency::{Budget, Child, LoadedPage, Span};
 use crate::shader::{MAPS, Map, Rect, STALE_RECTS};
 
 /// Frames for which pages of a replaced version are kept for the new one.
@@ -42,13 +43,34 @@ pub struct Attached {
     ready: bool,
     skips: Option<u32>,
     /// The version that takes its place once its roots have come.
-    next: Option<(Structure, Span, Needs)>,
+    next: Option<Next>,
+}
+
+#[derive(Debug)]
+struct Next {
+    structure: Structure,
+    span: Span,
+    needs: Needs,
+    stage: Stage,
+}
+
+/// How far a new version has come.
+#[derive(Debug)]
+enum Stage {
+    /// Its roots are being read.
+    Roots,
+    /// A thread looks for its pages that are unchanged, under this number.
+    Survey(u64),
+    /// These are.
+    Found(Vec<LoadedPage>),
+    /// They are its own, and the device is being told.
+    Placed,
 }
 
 impl Attached {
     /// The one that answers, and the one that will.
     fn versions(&self) -> impl Iterator<Item = (&Structure, &Span)> {
-        let next = self.next.as_ref().map(|n| (&n.0, &n.1));
+        let next = self.next.as_ref().map(|n| (&n.structure, &n.span));
         std::iter::once((&self.structure, &self.span)).chain(next)
     }
 }
@@ -114,7 +136,7 @@ impl Streamer {
 
     /// A place in the table for a structure for which there is room in the pool.
     fn take_in(&mut self, structure: &Structure) -> Result<(Span, Needs), RuntimeError> {
-        let of = |a: &'_ Attached| [Some(a.needs), a.next.as_ref().map(|n| n.2)];
+        let of = |a: &'_ Attached| [Some(a.needs), a.next.as_ref().map(|n| n.needs)];
         let others: Vec<Needs> = self.attached.iter().flatten().flat_map(of).flatten().collect();
         let all = |own: &Needs| enough(others.iter().chain([own]));
         let mut needs = Needs::of(structure, false)?;
@@ -147,8 +169,11 @@ impl Streamer {
         }
         if let Some(attached) = self.attached.get_mut(id.index as usize).and_then(Option::take) {
             self.residency.detach(attached.span.base);
-            if let Some((_, span, _)) = attached.next {
-                self.residency.detach(span.base);
+            if let Some(next) = attached.next {
+                self.residency.detach(next.span.base);
+                if matches!(next.stage, Stage::Placed) {
+                    self.residency.thaw();
+                }
             }
         }
         self.changed = true;
@@ -157,7 +182,7 @@ impl Streamer {
 
     /// A new version takes a structure's place as soon as its roots have come: from one frame to the next, and under the same
     /// name. Where kind and resolution are the same, pages whose content is unchanged go on in their slots, unless they depend
-    /// on others. Regions that were marked as stale are so no more. Errors as [`attach`](Self::attach); the old version answers on
+    /// on others; those of which all above them are unchanged, the root aside, answer from its first frame on. Regions that were marked as stale are so no more. Errors as [`attach`](Self::attach); the old version answers on
     /// then.
     ///
     /// # Errors
@@ -167,11 +192,13 @@ impl Streamer {
             return Err(RuntimeError::Gone);
         }
         let (span, needs) = self.take_in(structure)?;
+        // One whose pages are in their places answers from now on.
+        self.switch(id.index as usize, |stage| matches!(stage, Stage::Placed));
         if let Some(attached) = self.get_mut(id) {
-            let before = attached.next.replace((structure.clone(), span, needs));
-            if let Some((_, span, _)) = before {
+            let next = Next { structure: structure.clone(), span, needs, stage: Stage::Roots };
+            if let Some(before) = attached.next.replace(next) {
                 // It has not begun to answer.
-                self.residency.detach(span.base);
+                self.residency.detach(before.span.base);
             }
         }
         Ok(())
@@ -180,6 +207,11 @@ impl Streamer {
     /// Whether a version that is to take a structure's place has not done so yet.
     pub fn is_swapping(&self, id: StructureId) -> bool {
         self.get(id).is_some_and(|a| a.next.is_some())
+    }
+
+    /// Whether the roots of any structure, or a new version of one, are still to come.
+    pub fn is_settling(&self) -> bool {
+        self.attached.iter().flatten().any(|a| !a.ready || a.next.is_some())
     }
 
     /// Whether the roots of a structure have come.
@@ -273,26 +305,61 @@ impl Streamer {
 
     /// Structures whose roots have come begin to answer; new versions take the place of old ones.
     pub(super) fn flip(&mut self) {
-        for attached in self.attached.iter_mut().flatten() {
+        for index in 0..self.attached.len() {
+            let Some(attached) = self.attached.get_mut(index).and_then(Option::as_mut) else { continue };
             if !attached.ready && self.residency.is_rooted(&attached.span) {
                 attached.ready = true;
                 self.changed = true;
             }
-            let Some((structure, span, needs)) = attached.next.take_if(|n| self.residency.is_rooted(&n.1)) else {
-                continue;
-            };
+            let Some(next) = attached.next.as_mut().filter(|n| self.residency.is_rooted(&n.span)) else { continue };
             let of = |s: &Structure| (s.kind(), s.record().log2_resolution);
-            if of(&structure) == of(&attached.structure) {
-                self.residency.retire(attached.span.base, KEEP);
-            } else {
-                self.residency.detach(attached.span.base);
+            let akin = of(&next.structure) == of(&attached.structure);
+            match &mut next.stage {
+                Stage::Roots if akin => {
+                    self.surveys += 1;
+                    next.stage = Stage::Survey(self.surveys);
+                    let what = What::Survey(self.surveys, self.residency.contents(&attached.span));
+                    self.in_flight += 1;
+                    self.loader.order(Order { structure: next.structure.clone(), base: next.span.base, what });
+                }
+                Stage::Roots => {
+                    self.residency.detach(attached.span.base);
+                    self.switch(index, |_| true);
+                }
+                Stage::Survey(_) => {}
+                Stage::Found(pages) => {
+                    let pages = std::mem::take(pages);
+                    next.stage = Stage::Placed;
+                    self.residency.retire(attached.span.base, KEEP);
+                    self.residency.take_over(pages);
+                }
+                Stage::Placed if self.residency.is_told() => self.switch(index, |_| true),
+                Stage::Placed => {}
             }
-            attached.foresight = Foresight::new(structure.lattice());
-            (attached.structure, attached.span, attached.needs) = (structure, span, needs);
-            attached.stale.clear();
-            attached.ready = true;
-            self.changed = true;
         }
+    }
+
+    /// A thread has looked for unchanged pages of a new version.
+    pub(super) fn surveyed(&mut self, number: u64, pages: Vec<LoadedPage>) {
+        let mut all = self.attached.iter_mut().flatten().filter_map(|a| a.next.as_mut());
+        // Else it has gone meanwhile.
+        if let Some(next) = all.find(|n| matches!(n.stage, Stage::Survey(own) if own == number)) {
+            next.stage = Stage::Found(pages);
+        }
+    }
+
+    /// The new version of a structure answers from now on, where its stage is one that counts.
+    fn switch(&mut self, index: usize, counts: impl Fn(&Stage) -> bool) {
+        let Some(attached) = self.attached.get_mut(index).and_then(Option::as_mut) else { return };
+        let Some(next) = attached.next.take_if(|n| counts(&n.stage)) else { return };
+        if matches!(next.stage, Stage::Placed) {
+            self.residency.thaw();
+        }
+        attached.foresight = Foresight::new(next.structure.lattice());
+        (attached.structure, attached.span, attached.needs) = (next.structure, next.span, next.needs);
+        attached.stale.clear();
+        attached.ready = true;
+        self.changed = true;
     }
 
     pub(super) fn get(&self, id: StructureId) -> Option<&Attached> {

@@ -1,6 +1,6 @@
 //! Threads that read and check pages, so that no frame waits for a disk or a checksum.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -11,22 +11,38 @@ use umbrage_format::{Kind, PageRecord};
 use umbrage_reader::query::Bounds;
 use umbrage_reader::{ReaderError, Structure};
 
-use crate::residency::{Child, LoadedPage};
+use crate::residency::{Child, Content, LoadedPage};
 
-/// What became of a page.
-pub type Outcome = (u32, Result<LoadedPage, ReaderError>);
+/// What a thread did.
+#[derive(Debug)]
+pub enum Outcome {
+    /// What became of the page at a place of the table.
+    Page(u32, Result<LoadedPage, ReaderError>),
+    /// What a survey of that number found: pages whose words the pool has.
+    Survey(u64, Vec<LoadedPage>),
+}
 
-/// A page to be read.
+/// Something to be read.
 #[derive(Debug, Clone)]
 pub struct Order {
     /// Of which structure.
     pub structure: Structure,
     /// Place of that structure's first page in the page table.
     pub base: u32,
-    /// Place of the page.
-    pub ordinal: u32,
-    /// Only what the index says of it is needed: its words are in the pool.
-    pub kept: bool,
+    /// What.
+    pub what: What,
+}
+
+/// What is to be read.
+#[derive(Debug, Clone)]
+pub enum What {
+    /// The page at a place of the table.
+    Page(u32),
+    /// What the index says of the page at that place: its words are in the pool.
+    Kept(u32),
+    /// What the index says of pages below the roots that have one of these contents, as far as all between have, too; and a
+    /// number for the answer.
+    Survey(u64, HashMap<Content, u32>),
 }
 
 /// Orders that no thread has taken yet, in the order in which they were given.
@@ -94,7 +110,7 @@ impl Loader {
     pub fn cancel(&self, ordinal: u32) -> bool {
         let mut orders = self.desk.orders();
         let before = orders.waiting.len();
-        orders.waiting.retain(|o| o.ordinal != ordinal);
+        orders.waiting.retain(|o| !matches!(o.what, What::Page(p) | What::Kept(p) if p == ordinal));
         orders.waiting.len() < before
     }
 
@@ -121,18 +137,51 @@ impl Drop for Loader {
 }
 
 fn work(desk: &Desk, outgoing: &Sender<Outcome>) {
-    while let Some(Order { structure, base, ordinal, kept }) = desk.next() {
-        let page = ordinal.wrapping_sub(base);
-        // A source of the caller's may panic: then this page has failed, and the thread lives on.
-        let read = || if kept { describe(&structure, base, page) } else { load(&structure, base, page) };
-        let outcome = catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
-            let source = Arc::new(std::io::Error::other("the source panicked"));
-            Err(ReaderError::Io { file: structure.file().clone(), action: "read", source })
-        });
-        if outgoing.send((ordinal, outcome)).is_err() {
+    while let Some(Order { structure, base, what }) = desk.next() {
+        let outcome = match what {
+            What::Page(ordinal) => {
+                Outcome::Page(ordinal, guarded(&structure, || load(&structure, base, ordinal - base)))
+            }
+            What::Kept(ordinal) => {
+                Outcome::Page(ordinal, guarded(&structure, || describe(&structure, base, ordinal - base)))
+            }
+            // What can't be read is read again as any other page, and fails there.
+            What::Survey(number, contents) => {
+                let found = guarded(&structure, || Ok(survey(&structure, base, contents)));
+                Outcome::Survey(number, found.unwrap_or_default())
+            }
+        };
+        if outgoing.send(outcome).is_err() {
             return;
         }
     }
+}
+
+/// A source of the caller's may panic: then what was asked for has failed, and the thread lives on.
+fn guarded<T>(structure: &Structure, read: impl FnOnce() -> Result<T, ReaderError>) -> Result<T, ReaderError> {
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
+        let source = Arc::new(std::io::Error::other("the source panicked"));
+        Err(ReaderError::Io { file: structure.file().clone(), action: "read", source })
+    })
+}
+
+/// Pages below the roots that have one of the contents, as often as it is there, with all between; parents first.
+fn survey(structure: &Structure, base: u32, mut contents: HashMap<Content, u32>) -> Vec<LoadedPage> {
+    let mut open: Vec<u32> = (0..structure.record().root_count.get()).collect();
+    let mut found = Vec::new();
+    while let Some(page) = open.pop() {
+        let Ok(record) = structure.page_record(page) else { continue };
+        for child in record.first_child.get()..record.children_end() {
+            let Ok(record) = structure.page_record(child) else { continue };
+            let left = told(structure, &record).content().and_then(|c| contents.get_mut(&c));
+            if let Some(left) = left.filter(|n| **n != 0) {
+                *left -= 1;
+                found.push(indexed(structure, base, child, &record));
+                open.push(child);
+            }
+        }
+    }
+    found
 }
 
 /// What the index says of a page.

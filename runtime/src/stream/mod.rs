@@ -25,7 +25,7 @@ use crate::error::RuntimeError;
 use crate::residency::foresee::{Looks, MOST_BOXES, Viewpoint, Way};
 use crate::residency::{Budget, Config, Frame, Residency, Stats};
 use attached::Attached;
-use loader::{Loader, Order, Outcome};
+use loader::{Loader, Order, Outcome, What};
 
 /// Frames for which [`Streamer::begin`] looks ahead of moving cameras, until told otherwise.
 const AHEAD: f64 = 12.0;
@@ -72,6 +72,8 @@ pub struct Streamer {
     attached: Vec<Option<Attached>>,
     /// Times that a structure was attached.
     attachments: u32,
+    /// Surveys that were ordered.
+    surveys: u64,
     failures: Vec<PageFailure>,
     loads: u64,
     in_flight: u64,
@@ -119,6 +121,7 @@ impl Streamer {
             loader: Loader::start(threads),
             attached: Vec::new(),
             attachments: 0,
+            surveys: 0,
             failures: Vec::new(),
             loads: 0,
             in_flight: 0,
@@ -158,7 +161,8 @@ impl Streamer {
         self.frame_stats
     }
 
-    /// Pages that the loader has read, those that failed included.
+    /// Pages that the loader has read, those that failed included, and those that were in the pool and whose words were not
+    /// read.
     pub fn loads(&self) -> u64 {
         self.loads
     }
@@ -242,16 +246,21 @@ impl Streamer {
         }
         for ordinal in self.residency.loads() {
             let Some((structure, base)) = self.owner(ordinal) else { continue };
-            let order = Order { structure: structure.clone(), base, ordinal, kept: self.residency.is_kept(ordinal) };
+            let what = if self.residency.is_kept(ordinal) { What::Kept(ordinal) } else { What::Page(ordinal) };
+            let order = Order { structure: structure.clone(), base, what };
             self.in_flight += 1;
             self.loader.order(order);
         }
     }
 
-    fn settle(&mut self, (ordinal, outcome): Outcome) {
-        self.loads += 1;
+    fn settle(&mut self, outcome: Outcome) {
         self.in_flight -= 1;
-        match outcome {
+        let (ordinal, page) = match outcome {
+            Outcome::Page(ordinal, page) => (ordinal, page),
+            Outcome::Survey(number, pages) => return self.surveyed(number, pages),
+        };
+        self.loads += 1;
+        match page {
             Ok(page) => self.residency.loaded(page),
             Err(error) => {
                 if self.residency.failed(ordinal)

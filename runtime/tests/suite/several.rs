@@ -280,6 +280,8 @@ fn a_new_version_keeps_the_slots_of_unchanged_pages() {
         assert_eq!((version, coarse.last()), (1, Some(&0)));
         assert!(uploaded * 4 < stats.uploaded_bytes / 1024, "only what changed, and the root");
         assert!(kept * 4 > u64::from(stats.resident) * 3);
+        // The changed page alone was answered from above.
+        assert!(coarse.iter().all(|n| *n < 1000), "{coarse:?}");
         assert_ne!(maps[0].texel(0, 0, 11).unwrap().page, NONE);
         // What is left of the old version goes some time later.
         for _ in 0..700 {
