@@ -11,7 +11,7 @@ use crate::error::RuntimeError;
 use crate::query::filter::FilterQuery;
 use crate::residency::budget::{BLOCK_BYTES, READBACK_BUFFERS, STAGING_BUFFERS};
 use crate::residency::foresee::Viewpoint;
-use crate::residency::{ABSENT, Entry as TableEntry, Frame, Op};
+use crate::residency::{ABSENT, Budget, Entry as TableEntry, Frame, Op};
 use crate::shader::{self, FEEDBACK_HEAD, FEEDBACK_USED, View};
 use crate::stream::{FrameStats, Streamer, StructureId};
 
@@ -46,19 +46,55 @@ pub struct GpuStreamer {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) streamer: Streamer,
-    pool: wgpu::Buffer,
     table: wgpu::Buffer,
-    feedback: wgpu::Buffer,
     uniform: wgpu::Buffer,
     view: Box<View>,
     selected: Option<StructureId>,
     scratch: wgpu::Buffer,
-    staging: Staging,
-    readback: Readback,
+    parts: Parts,
     layout: wgpu::BindGroupLayout,
-    group: wgpu::BindGroup,
     kernels: Option<Arc<Kernels>>,
     report: Report,
+}
+
+/// What another budget has in other sizes.
+#[derive(Debug)]
+struct Parts {
+    pool: wgpu::Buffer,
+    feedback: wgpu::Buffer,
+    staging: Staging,
+    readback: Readback,
+    group: wgpu::BindGroup,
+    /// Times that they were made anew.
+    number: u64,
+}
+
+impl Parts {
+    fn new(
+        device: &wgpu::Device,
+        layout: &wgpu::BindGroupLayout,
+        budget: &Budget,
+        [table, uniform]: [&wgpu::Buffer; 2],
+    ) -> Result<Self, RuntimeError> {
+        fits(device, "the feedback", budget.feedback)?;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let pool = filled(device, "umbrage pool", budget.pool(), storage, &[])?;
+        let feedback = filled(device, "umbrage feedback", budget.feedback, storage, &[])?;
+        let entries: Vec<_> = (0..)
+            .zip([&pool, table, &feedback, uniform])
+            .map(|(binding, b)| wgpu::BindGroupEntry { binding, resource: b.as_entire_binding() })
+            .collect();
+        let group =
+            device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("umbrage"), layout, entries: &entries });
+        Ok(Self {
+            pool,
+            feedback,
+            staging: Staging::new(device, STAGING_BUFFERS, budget.staging),
+            readback: Readback::new(device, READBACK_BUFFERS, budget.feedback),
+            group,
+            number: 0,
+        })
+    }
 }
 
 /// A binding that shaders of both stages may use.
@@ -139,24 +175,6 @@ impl GpuStreamer {
     }
 
     fn over(device: &wgpu::Device, queue: &wgpu::Queue, streamer: Streamer) -> Result<Self, RuntimeError> {
-        let budget = *streamer.budget();
-        fits(device, "the page table", budget.table)?;
-        fits(device, "the feedback", budget.feedback)?;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let pool = filled(device, "umbrage pool", budget.pool(), storage, &[])?;
-        let absent = vec![ABSENT; streamer.table().max(1) as usize];
-        let table = filled(device, "umbrage table", budget.table, storage, bytemuck::cast_slice(&absent))?;
-        let feedback = filled(device, "umbrage feedback", budget.feedback, storage, &[])?;
-        let scratch = filled(device, "umbrage scratch", BLOCK_BYTES, wgpu::BufferUsages::empty(), &[])?;
-        let used_words = budget.feedback / 4 - u64::from(FEEDBACK_USED);
-        let view: Box<View> = Box::new(View {
-            pool_words: (budget.pool() / 4) as u32,
-            pages: streamer.table(),
-            used_words: used_words as u32,
-            ..bytemuck::Zeroable::zeroed()
-        });
-        let bytes = bytemuck::bytes_of(&*view);
-        let uniform = filled(device, "umbrage view", bytes.len() as u64, wgpu::BufferUsages::UNIFORM, bytes)?;
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("umbrage"),
             entries: &[
@@ -166,34 +184,72 @@ impl GpuStreamer {
                 entry(3, wgpu::BufferBindingType::Uniform),
             ],
         });
-        let buffers = [&pool, &table, &feedback, &uniform];
-        let entries: Vec<_> = (0..)
-            .zip(buffers)
-            .map(|(binding, b)| wgpu::BindGroupEntry { binding, resource: b.as_entire_binding() })
-            .collect();
-        let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("umbrage"),
-            layout: &layout,
-            entries: &entries,
-        });
-        Ok(Self {
+        let absent = vec![ABSENT; streamer.table().max(1) as usize];
+        let budget = *streamer.budget();
+        fits(device, "the page table", budget.table)?;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let table = filled(device, "umbrage table", budget.table, storage, bytemuck::cast_slice(&absent))?;
+        let view: Box<View> = Box::new(View { pages: streamer.table(), ..bytemuck::Zeroable::zeroed() });
+        let bytes = bytemuck::bytes_of(&*view);
+        let uniform = filled(device, "umbrage view", bytes.len() as u64, wgpu::BufferUsages::UNIFORM, bytes)?;
+        let scratch = filled(device, "umbrage scratch", BLOCK_BYTES, wgpu::BufferUsages::empty(), &[])?;
+        let parts = Parts::new(device, &layout, &budget, [&table, &uniform])?;
+        let mut this = Self {
             device: device.clone(),
             queue: queue.clone(),
             streamer,
-            pool,
             table,
-            feedback,
             uniform,
             view,
             selected: None,
             scratch,
-            staging: Staging::new(device, STAGING_BUFFERS, budget.staging),
-            readback: Readback::new(device, READBACK_BUFFERS, budget.feedback),
+            parts,
             layout,
-            group,
             kernels: None,
             report: Report::default(),
-        })
+        };
+        this.measure();
+        Ok(this)
+    }
+
+    /// Tells the device how large the buffers are.
+    fn measure(&mut self) {
+        let budget = self.streamer.budget();
+        self.view.pool_words = (budget.pool() / 4) as u32;
+        self.view.used_words = (budget.feedback / 4 - u64::from(FEEDBACK_USED)) as u32;
+        self.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&*self.view));
+    }
+
+    /// Another budget, while frames go on; see [`Streamer::set_budget`]. When it holds, [`bind_group`](Self::bind_group) and
+    /// [`buffers`](Self::buffers) are others, and [`exchanges`](Self::exchanges) has grown; for one frame the old and the new pool
+    /// exist both.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn set_budget(&mut self, budget_bytes: u64) -> Result<(), RuntimeError> {
+        self.streamer.set_budget(budget_bytes)
+    }
+
+    /// How often the buffers were exchanged for others: groups that a caller made of them must be made anew then.
+    pub fn exchanges(&self) -> u64 {
+        self.parts.number
+    }
+
+    /// Whether the device was lost, as far as this streamer has noticed: nothing comes any more, and answers are what they were.
+    /// [`recover`](Self::recover) goes on with another device.
+    pub fn is_lost(&self) -> bool {
+        self.parts.staging.is_lost() || self.parts.readback.is_lost()
+    }
+
+    /// Goes on with another device: the same structures under the same names, with new buffers and without pages, which are
+    /// read anew; pipelines and groups are the caller's to make anew.
+    ///
+    /// # Errors
+    /// A buffer is larger than the device binds, or an index can't be read any more.
+    pub fn recover(self, device: &wgpu::Device, queue: &wgpu::Queue) -> Result<Self, RuntimeError> {
+        let Self { mut streamer, selected, .. } = self;
+        streamer.restart()?;
+        Ok(Self { selected, ..Self::over(device, queue, streamer)? })
     }
 
     /// Waits until the roots of all structures have come, those of versions that are to take another's place included. For
@@ -226,12 +282,12 @@ impl GpuStreamer {
 
     /// Pool, table, feedback and view, for the group that was given to [`shader::module`].
     pub fn bind_group(&self) -> &wgpu::BindGroup {
-        &self.group
+        &self.parts.group
     }
 
     /// The buffers of that group by rising binding, for a caller who makes the group from a layout of its own.
     pub fn buffers(&self) -> [&wgpu::Buffer; 4] {
-        [&self.pool, &self.table, &self.feedback, &self.uniform]
+        [&self.parts.pool, &self.table, &self.parts.feedback, &self.uniform]
     }
 
     /// Source of the queries, to be put in front of the caller's shader; see [`shader::module`].
@@ -282,7 +338,7 @@ impl GpuStreamer {
         // Runs the callbacks of finished work; an error means that nothing is finished.
         let _ = self.device.poll(wgpu::PollType::Poll);
         let (streamer, report) = (&mut self.streamer, &mut self.report);
-        while self.readback.take(|words| {
+        while self.parts.readback.take(|words| {
             let [missed, approximate, unlisted, worst] =
                 [0, 1, 2, 3].map(|i: usize| words.get(i).copied().unwrap_or(0));
             let slots = words.get(FEEDBACK_HEAD as usize..FEEDBACK_USED as usize).unwrap_or_default();
@@ -302,8 +358,9 @@ impl GpuStreamer {
     /// Second step, before the caller's passes: copies pages and table entries, clears the feedback.
     pub fn record(&mut self, encoder: &mut wgpu::CommandEncoder) {
         let _span = tracing::trace_span!("umbrage.record").entered();
-        encoder.clear_buffer(&self.feedback, 0, None);
-        if !self.staging.is_free() {
+        self.exchange(encoder);
+        encoder.clear_buffer(&self.parts.feedback, 0, None);
+        if !self.parts.staging.is_free() {
             // The device is behind; what is ready stays ready.
             return;
         }
@@ -333,18 +390,18 @@ impl GpuStreamer {
         }
         let entries: Vec<TableEntry> = table.iter().map(|t| t.1).collect();
         parts.push(bytemuck::cast_slice(&entries));
-        let recorded = self.staging.pass(encoder, &parts, |encoder, staging, offsets| {
+        let recorded = self.parts.staging.pass(encoder, &parts, |encoder, staging, offsets| {
             let mut offsets = offsets.iter().copied();
             for op in &ops {
                 match op {
                     Op::Upload { at, words } => {
                         let (from, bytes) = (offsets.next().unwrap_or(0), words.len() as u64 * 4);
-                        encoder.copy_buffer_to_buffer(staging, from, &self.pool, u64::from(*at) * 4, bytes);
+                        encoder.copy_buffer_to_buffer(staging, from, &self.parts.pool, u64::from(*at) * 4, bytes);
                     }
                     Op::Move { from, to, words } => {
                         let bytes = u64::from(*words) * 4;
-                        encoder.copy_buffer_to_buffer(&self.pool, u64::from(*from) * 4, &self.scratch, 0, bytes);
-                        encoder.copy_buffer_to_buffer(&self.scratch, 0, &self.pool, u64::from(*to) * 4, bytes);
+                        encoder.copy_buffer_to_buffer(&self.parts.pool, u64::from(*from) * 4, &self.scratch, 0, bytes);
+                        encoder.copy_buffer_to_buffer(&self.scratch, 0, &self.parts.pool, u64::from(*to) * 4, bytes);
                     }
                 }
             }
@@ -359,10 +416,22 @@ impl GpuStreamer {
         debug_assert!(recorded, "a frame is never larger than a staging buffer");
     }
 
+    /// Makes the buffers of a new budget and copies the pool.
+    fn exchange(&mut self, encoder: &mut wgpu::CommandEncoder) {
+        let Some(budget) = self.streamer.exchange() else { return };
+        let parts = Parts::new(&self.device, &self.layout, &budget, [&self.table, &self.uniform]);
+        // No larger than the device binds: the budget was divided for it.
+        let Ok(parts) = parts else { return };
+        let bytes = self.parts.pool.size().min(parts.pool.size());
+        encoder.copy_buffer_to_buffer(&self.parts.pool, 0, &parts.pool, 0, bytes);
+        self.parts = Parts { number: self.parts.number + 1, ..parts };
+        self.measure();
+    }
+
     /// Last step, behind the caller's passes: sends the feedback on its way.
     pub fn end(&mut self, encoder: &mut wgpu::CommandEncoder) {
         let _span = tracing::trace_span!("umbrage.end").entered();
-        self.readback.record(encoder, &self.feedback);
+        self.parts.readback.record(encoder, &self.parts.feedback);
     }
 
     /// One frame from `begin` to the end of the device's work. For tools and tests: it waits.
@@ -410,7 +479,15 @@ impl GpuStreamer {
         let words = self.with_kernels(|this, kernels| {
             let array = kernels.queries(&this.device, queries)?;
             this.submit(|this, encoder| {
-                kernels.dispatch(&this.queue, encoder, &this.group, Entry::Answer, &array, [root, number], 0..count);
+                kernels.dispatch(
+                    &this.queue,
+                    encoder,
+                    &this.parts.group,
+                    Entry::Answer,
+                    &array,
+                    [root, number],
+                    0..count,
+                );
             })?;
             this.read(&array.buffer, 0, queries.len() as u64 * 16)
         })?;
@@ -429,7 +506,15 @@ impl GpuStreamer {
         let words = self.with_kernels(|this, kernels| {
             let array = kernels.queries(&this.device, &words)?;
             this.submit(|this, encoder| {
-                kernels.dispatch(&this.queue, encoder, &this.group, Entry::Filtered, &array, [root, number], 0..count);
+                kernels.dispatch(
+                    &this.queue,
+                    encoder,
+                    &this.parts.group,
+                    Entry::Filtered,
+                    &array,
+                    [root, number],
+                    0..count,
+                );
             })?;
             this.read(&array.buffer, 0, queries.len() as u64 * 32)
         })?;
@@ -441,7 +526,7 @@ impl GpuStreamer {
     /// # Errors
     /// The device was lost.
     pub fn read_back(&self) -> Result<(Vec<u32>, Vec<TableEntry>), RuntimeError> {
-        let pool = self.read(&self.pool, 0, self.pool.size())?;
+        let pool = self.read(&self.parts.pool, 0, self.parts.pool.size())?;
         let table = self.read(&self.table, 0, self.table.size())?;
         Ok((pool, bytemuck::cast_slice(&table).to_vec()))
     }

@@ -55,6 +55,11 @@ impl Staging {
         Self((0..count).map(turn).collect())
     }
 
+    /// Whether a buffer could not be mapped any more.
+    pub fn is_lost(&self) -> bool {
+        self.0.iter().any(|t| t.is(LOST))
+    }
+
     /// Whether a buffer is free.
     pub fn is_free(&self) -> bool {
         self.0.iter().any(|t| t.is(FREE))
@@ -116,6 +121,11 @@ impl Readback {
             number: 0,
         };
         Self { turns: (0..count).map(turn).collect(), next: 0 }
+    }
+
+    /// Whether a buffer could not be mapped any more.
+    pub fn is_lost(&self) -> bool {
+        self.turns.iter().any(|t| t.is(LOST))
     }
 
     /// Copies the start of `source`, to be read once the device is done; skipped where no buffer is free.

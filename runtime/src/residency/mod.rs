@@ -363,6 +363,7 @@ impl Residency {
         self.bury();
         self.want_roots();
         let mut frame = Frame::default();
+        self.withdraw(&mut frame);
         let mut bytes = 0;
         let ready = if self.frozen == 0 { self.ready.clone() } else { BTreeSet::new() };
         for (_, depth, ordinal) in ready {
@@ -424,6 +425,50 @@ impl Residency {
         }
         frame.table = dirty.into_iter().map(|o| (o, self.entry(o))).collect();
         frame
+    }
+
+    /// The budget is another one from now on. Where the pool has become smaller, pages beyond its end move into it or go,
+    /// in the next frames, pinned ones last; [`is_within`](Self::is_within) says when none is left there.
+    pub fn resize(&mut self, config: Config) {
+        self.config = Config { table: self.config.table, ..config };
+        self.slots.resize(config.blocks);
+    }
+
+    /// Whether all pages lie within the pool as it is now.
+    pub fn is_within(&self) -> bool {
+        self.slots.beyond().is_none()
+    }
+
+    /// Takes pages out of blocks that the pool has no more.
+    fn withdraw(&mut self, frame: &mut Frame) {
+        if self.frozen != 0 {
+            return;
+        }
+        let mut bytes = 0;
+        while let Some((from, ordinal)) = self.slots.beyond() {
+            let Some(words) = self.residents.get(ordinal).map(|p| p.words) else { return };
+            bytes += u64::from(words) * 4;
+            if bytes > self.config.frame_bytes || self.dirty.len() as u64 >= MAX_DIRTY {
+                return;
+            }
+            let Some(class) = class_of(words) else { return };
+            // Whoever goes, the roots stay.
+            match self.make_room(class, (0, true), frame) {
+                Room::Found => {}
+                // What was used a moment ago goes when it has had its time.
+                Room::NotNow | Room::None => return,
+            }
+            if self.slots.beyond() != Some((from, ordinal)) {
+                // It went itself.
+                continue;
+            }
+            let Some(to) = self.slots.alloc(class, ordinal) else { return };
+            self.slots.free(from);
+            self.residents.relocate(ordinal, to);
+            frame.ops.push(Op::Move { from, to, words });
+            self.dirty.insert(ordinal);
+            self.stats.moved += 1;
+        }
     }
 
     /// A page lives from now on, in words `words` from word `at` on.

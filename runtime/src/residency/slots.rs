@@ -55,17 +55,58 @@ pub struct Slots {
     /// For each class its blocks with holes, by (holes, block): the fullest is filled first.
     holes: [BTreeSet<(u32, u32)>; CLASSES],
     hole_count: [u32; CLASSES],
+    /// Blocks from this one on take no page any more.
+    limit: u32,
 }
 
 impl Slots {
     /// `blocks` free blocks.
     pub fn new(blocks: u32) -> Self {
         Self {
+            limit: blocks,
             blocks: (0..blocks).map(|_| Block::default()).collect(),
             free: (0..blocks).collect(),
             holes: Default::default(),
             hole_count: [0; CLASSES],
         }
+    }
+
+    /// From now on there are `blocks` blocks; pages in others stay there until they are freed ([`beyond`](Self::beyond)).
+    pub fn resize(&mut self, blocks: u32) {
+        let known = self.blocks.len().max(blocks as usize);
+        self.blocks.resize_with(known, Block::default);
+        for number in self.limit.min(blocks)..self.limit.max(blocks) {
+            let grows = number < blocks;
+            let block = &self.blocks[number as usize];
+            let (class, used) = (block.class, block.used);
+            if used == 0 {
+                if grows {
+                    self.free.insert(number)
+                } else {
+                    self.free.remove(&number)
+                };
+                continue;
+            }
+            let (c, holes) = (usize::from(class), per_block(class) - used);
+            if grows {
+                self.hole_count[c] += holes;
+                if holes != 0 {
+                    self.holes[c].insert((holes, number));
+                }
+            } else {
+                self.hole_count[c] -= holes;
+                self.holes[c].remove(&(holes, number));
+            }
+        }
+        self.limit = blocks;
+    }
+
+    /// A page in a block that takes none any more: its first word and its owner.
+    pub fn beyond(&self) -> Option<(u32, u32)> {
+        let block = (self.limit..self.blocks.len() as u32).rev().find(|b| self.blocks[*b as usize].used != 0)?;
+        let Block { class, owners, .. } = &self.blocks[block as usize];
+        let (slot, owner) = (0u32..).zip(owners).find_map(|(slot, owner)| Some((slot, (*owner)?)))?;
+        Some((block * BLOCK_WORDS + slot * slot_words(*class), owner))
     }
 
     /// Whether [`alloc`](Self::alloc) of this class would succeed.
@@ -107,6 +148,9 @@ impl Slots {
         debug_assert!(block.owners[slot].is_some());
         block.owners[slot] = None;
         block.used -= 1;
+        if number >= self.limit {
+            return;
+        }
         let (c, holes) = (usize::from(block.class), per_block(block.class) - block.used);
         self.hole_count[c] += 1;
         self.holes[c].remove(&(holes - 1, number));
@@ -121,10 +165,13 @@ impl Slots {
     pub fn take_back(&mut self, word: u32, owner: u32) {
         let (number, slot) = self.place(word);
         let block = &mut self.blocks[number as usize];
-        debug_assert!(block.used != 0 && block.owners[slot].is_none());
+        debug_assert!((block.used != 0 || number >= self.limit) && block.owners[slot].is_none());
         block.owners[slot] = Some(owner);
         let (c, holes) = (usize::from(block.class), per_block(block.class) - block.used);
         block.used += 1;
+        if number >= self.limit {
+            return;
+        }
         self.hole_count[c] -= 1;
         self.holes[c].remove(&(holes, number));
         if holes > 1 {
@@ -201,6 +248,32 @@ mod tests {
             assert!(slot_words(class) >= words);
         }
         assert_eq!(class_of(16385), None);
+    }
+
+    #[test]
+    fn a_smaller_pool_takes_nothing_beyond_its_end() {
+        let mut slots = Slots::new(4);
+        let at: Vec<u32> = (0..4).map(|owner| slots.alloc(8, owner).unwrap()).collect();
+        slots.free(at[1]);
+        let small = slots.alloc(3, 9).unwrap();
+        slots.resize(2);
+        assert!(small / BLOCK_WORDS < 2 && !slots.has_room(8) && slots.has_room(3));
+        assert_eq!(slots.free_words(), u64::from(BLOCK_WORDS - slot_words(3)));
+        // Those beyond stay until they are freed or moved.
+        assert_eq!(slots.beyond(), Some((at[3], 3)));
+        slots.free(at[3]);
+        assert_eq!((slots.beyond(), slots.owner(at[2])), (Some((at[2], 2)), Some(2)));
+        // Larger again: the page there is where it was.
+        slots.resize(5);
+        assert_eq!((slots.beyond(), slots.owner(at[2])), (None, Some(2)));
+        let more: Vec<u32> = (10..12).map(|owner| slots.alloc(8, owner).unwrap() / BLOCK_WORDS).collect();
+        assert_eq!((more, slots.has_room(8)), (vec![3, 4], false));
+        for word in [at[0], at[2], small, 3 * BLOCK_WORDS, 4 * BLOCK_WORDS] {
+            slots.free(word);
+        }
+        assert_eq!((slots.free.len(), slots.hole_count), (5, [0; CLASSES]));
+        slots.resize(0);
+        assert!(slots.beyond().is_none() && !slots.has_room(0));
     }
 
     #[test]

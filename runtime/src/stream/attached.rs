@@ -136,20 +136,21 @@ impl Streamer {
 
     /// A place in the table for a structure for which there is room in the pool.
     fn take_in(&mut self, structure: &Structure) -> Result<(Span, Needs), RuntimeError> {
-        let of = |a: &'_ Attached| [Some(a.needs), a.next.as_ref().map(|n| n.needs)];
-        let others: Vec<Needs> = self.attached.iter().flatten().flat_map(of).flatten().collect();
+        let others = self.needs();
+        // The smaller one holds.
+        let budget = self.coming.filter(|c| c.blocks < self.budget.blocks).unwrap_or(self.budget);
         let all = |own: &Needs| enough(others.iter().chain([own]));
         let mut needs = Needs::of(structure, false)?;
-        if all(&needs) > self.budget.blocks {
+        if all(&needs) > budget.blocks {
             needs = Needs::of(structure, true)?;
             let mut blocks = all(&needs);
             if others.is_empty() {
                 // The way shares blocks with the roots.
                 blocks = blocks.min(least::just_enough(structure)?);
             }
-            if blocks > self.budget.blocks {
-                Budget::divide(self.budget.total, self.table, blocks, u64::MAX)?;
-                return Err(RuntimeError::Pool { needed: blocks, blocks: self.budget.blocks });
+            if blocks > budget.blocks {
+                Budget::divide(budget.total, self.table, blocks, u64::MAX)?;
+                return Err(RuntimeError::Pool { needed: blocks, blocks: budget.blocks });
             }
         }
         let record = structure.record();
@@ -158,6 +159,52 @@ impl Streamer {
         let roots: Arc<[Child]> = roots?.into();
         let span = self.residency.attach(structure.page_count(), record.shared_pages.get(), roots)?;
         Ok((span, needs))
+    }
+
+    /// Of all structures, those included that are to take another's place.
+    fn needs(&self) -> Vec<Needs> {
+        let of = |a: &'_ Attached| [Some(a.needs), a.next.as_ref().map(|n| n.needs)];
+        self.attached.iter().flatten().flat_map(of).flatten().collect()
+    }
+
+    /// Fewest blocks for what is attached.
+    pub(super) fn least_blocks(&mut self) -> Result<u32, ReaderError> {
+        // Exact ones are known only where the pool was small.
+        for attached in self.attached.iter_mut().flatten() {
+            attached.needs = Needs::of(&attached.structure, true)?;
+        }
+        let all = enough(self.needs().iter());
+        let mut structures = self.attached.iter().flatten();
+        match (structures.next(), structures.next()) {
+            (Some(only), None) if only.next.is_none() => Ok(least::just_enough(&only.structure)?.min(all)),
+            (None, _) => Ok(0),
+            _ => Ok(all),
+        }
+    }
+
+    /// Takes all structures in again, in an empty table.
+    pub(super) fn reattach(&mut self) -> Result<(), RuntimeError> {
+        let mut out = Ok(());
+        for index in 0..self.attached.len() {
+            let Some(mut attached) = self.attached.get_mut(index).and_then(Option::take) else { continue };
+            let next = attached.next.take().map(|n| n.structure);
+            match self.take_in(&attached.structure) {
+                Ok((span, needs)) => {
+                    (attached.span, attached.needs, attached.ready) = (span, needs, false);
+                    let id = StructureId { index: index as u32, attachment: attached.attachment };
+                    if let Some(place) = self.attached.get_mut(index) {
+                        *place = Some(attached);
+                    }
+                    // Its table has room: there was for both.
+                    if let Some(next) = next {
+                        out = out.and(self.swap(id, &next));
+                    }
+                }
+                Err(e) => out = out.and(Err(e)),
+            }
+        }
+        self.changed = true;
+        out
     }
 
     /// A structure goes, with all of its pages. From the next frame on it is lit everywhere, by ancestors that are not

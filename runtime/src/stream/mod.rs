@@ -30,6 +30,9 @@ use loader::{Loader, Order, Outcome, What};
 /// Frames for which [`Streamer::begin`] looks ahead of moving cameras, until told otherwise.
 const AHEAD: f64 = 12.0;
 
+/// Most failures that wait to be taken; nobody may ever take them.
+const MOST_FAILURES: usize = 1024;
+
 /// A page that failed for the first time.
 #[derive(Debug, Clone)]
 pub struct PageFailure {
@@ -65,6 +68,10 @@ fn config(budget: &Budget, table: u32) -> Config {
 #[derive(Debug)]
 pub struct Streamer {
     budget: Budget,
+    /// The budget that holds once all pages lie within it.
+    coming: Option<Budget>,
+    most_pool: u64,
+    threads: usize,
     table: u32,
     residency: Residency,
     loader: Loader,
@@ -99,7 +106,7 @@ impl Streamer {
     /// some lookups would be answered by ancestors for ever. Or the index can't be read.
     pub fn new(structure: &Structure, budget_bytes: u64, most_pool: u64, threads: usize) -> Result<Self, RuntimeError> {
         let (budget, _) = divide(structure, budget_bytes, most_pool)?;
-        let mut this = Self::over(budget, structure.page_count(), threads);
+        let mut this = Self::over(budget, structure.page_count(), most_pool, threads);
         this.attach(structure)?;
         Ok(this)
     }
@@ -110,12 +117,15 @@ impl Streamer {
     /// # Errors
     /// The budget is too small for the table and a pool of one block.
     pub fn with_table(budget_bytes: u64, table: u32, most_pool: u64, threads: usize) -> Result<Self, RuntimeError> {
-        Ok(Self::over(Budget::divide(budget_bytes, table, 1, most_pool)?, table, threads))
+        Ok(Self::over(Budget::divide(budget_bytes, table, 1, most_pool)?, table, most_pool, threads))
     }
 
-    fn over(budget: Budget, table: u32, threads: usize) -> Self {
+    fn over(budget: Budget, table: u32, most_pool: u64, threads: usize) -> Self {
         Self {
             budget,
+            coming: None,
+            most_pool,
+            threads,
             table,
             residency: Residency::new(config(&budget, table)),
             loader: Loader::start(threads),
@@ -139,6 +149,42 @@ impl Streamer {
     /// How the budget is divided.
     pub fn budget(&self) -> &Budget {
         &self.budget
+    }
+
+    /// Another budget, while frames go on. A smaller one holds once pages have moved together and others have gone, which takes
+    /// some frames: then [`exchange`](Self::exchange) says so. What was given last counts.
+    ///
+    /// # Errors
+    /// It can't hold the roots of all structures and any page with all above it; the old one holds on.
+    pub fn set_budget(&mut self, budget_bytes: u64) -> Result<(), RuntimeError> {
+        let budget = Budget::divide(budget_bytes, self.table, self.least_blocks()?.max(1), self.most_pool)?;
+        self.residency.resize(config(&budget, self.table));
+        self.coming = Some(budget);
+        Ok(())
+    }
+
+    /// A new division, once: before it carries out the next [`frame`](Self::frame) an executor makes buffers of its sizes, and
+    /// the words of the pool stay as far as both pools reach. To be asked before every frame.
+    pub fn exchange(&mut self) -> Option<Budget> {
+        let budget = self.coming.take_if(|_| self.residency.is_within())?;
+        self.budget = budget;
+        Some(budget)
+    }
+
+    /// The device's buffers are lost, with all pages: everything is read anew, and structures answer again once their
+    /// roots have come. Names stay. Feedback of frames before counts no more.
+    ///
+    /// # Errors
+    /// An index can't be read any more: that structure has gone.
+    pub fn restart(&mut self) -> Result<(), RuntimeError> {
+        let budget = self.coming.take().unwrap_or(self.budget);
+        self.budget = budget;
+        self.residency = Residency::new(config(&budget, self.table));
+        let loader = std::mem::replace(&mut self.loader, Loader::start(self.threads));
+        // It waits for what is being read.
+        std::thread::spawn(move || drop(loader));
+        (self.in_flight, self.last) = (0, Stats::default());
+        self.reattach()
     }
 
     /// Entries of the page table.
@@ -264,6 +310,7 @@ impl Streamer {
             Ok(page) => self.residency.loaded(page),
             Err(error) => {
                 if self.residency.failed(ordinal)
+                    && self.failures.len() < MOST_FAILURES
                     && let Some((structure, base)) = self.id_of(ordinal)
                 {
                     self.failures.push(PageFailure { structure, ordinal: ordinal - base, error });
@@ -272,8 +319,12 @@ impl Streamer {
         }
     }
 
-    /// What to copy before this frame's queries.
+    /// What to copy before this frame's queries. Nothing while buffers that have grown wait for their
+    /// [`exchange`](Self::exchange).
     pub fn frame(&mut self) -> Frame {
+        if self.coming.is_some_and(|c| c.blocks > self.budget.blocks || c.staging > self.budget.staging) {
+            return Frame::default();
+        }
         let frame = self.residency.frame();
         let now = self.residency.stats();
         self.frames += 1;
@@ -282,7 +333,7 @@ impl Streamer {
         frame
     }
 
-    /// Pages that failed since the last call; each is named once.
+    /// Pages that failed since the last call, the first 1,024 of them; each is named once.
     pub fn take_failures(&mut self) -> Vec<PageFailure> {
         std::mem::take(&mut self.failures)
     }

@@ -5,6 +5,7 @@ mod agree;
 mod bare;
 #[path = "../../examples/engine.rs"]
 mod engine;
+mod faults;
 mod filter;
 mod later;
 mod parity;

@@ -45,8 +45,10 @@ impl Cpu {
         self.streamer.feedback(missed, &self.used, false);
         self.used.fill(0);
         self.streamer.begin(&[]);
-        if let Some((maps, stale)) = self.streamer.maps() {
-            (self.maps, self.stale) = (maps, stale);
+        self.tell();
+        if let Some(budget) = self.streamer.exchange() {
+            self.words.resize(budget.pool() as usize / 4, 0);
+            self.used.resize(self.words.len() / UNIT_WORDS as usize / 32 + 1, 0);
         }
         let frame = self.streamer.frame();
         for op in frame.ops {
@@ -60,6 +62,27 @@ impl Cpu {
         for (ordinal, entry) in frame.table {
             self.table[ordinal as usize] = entry;
         }
+    }
+
+    /// What the device must know of the structures.
+    fn tell(&mut self) {
+        if let Some((maps, stale)) = self.streamer.maps() {
+            (self.maps, self.stale) = (maps, stale);
+        }
+    }
+
+    /// Words of the pool.
+    pub fn words(&self) -> usize {
+        self.words.len()
+    }
+
+    /// New buffers: nothing of the old ones is left.
+    pub fn clear(&mut self) {
+        self.words = vec![0; self.streamer.budget().pool() as usize / 4];
+        self.used = vec![0; self.words.len() / UNIT_WORDS as usize / 32 + 1];
+        self.table.fill(ABSENT);
+        self.missed.clear();
+        self.tell();
     }
 
     /// The same after all pages that are being read have come.
@@ -115,7 +138,7 @@ fn change(tree: &mut Naive, turns: &mut u32) -> bool {
 }
 
 /// Two versions of a structure of many pages: a leaf differs.
-fn versions(name: &str, seed: u64, log2: u8, cuts: &[u8]) -> [Structure; 2] {
+pub fn versions(name: &str, seed: u64, log2: u8, cuts: &[u8]) -> [(Vec<u8>, Structure); 2] {
     let mut tree = grow(&mut Dice(seed), log2, true, 7);
     [0, 1].map(|version| {
         if version == 1 {
@@ -123,7 +146,8 @@ fn versions(name: &str, seed: u64, log2: u8, cuts: &[u8]) -> [Structure; 2] {
         }
         let pages: Vec<PageInput> = pages(&tree, log2, cuts);
         let record = structure("sun", Kind::Mh, log2, pages.len());
-        opened(write(&format!("{name}-{version}"), ContainerOptions::new(ID), &[(record, pages)]))
+        let bytes = write(&format!("{name}-{version}"), ContainerOptions::new(ID), &[(record, pages)]);
+        (bytes.clone(), opened(bytes))
     })
 }
 
@@ -139,8 +163,8 @@ struct Known {
 /// version's that is there.
 #[test]
 fn answers_are_those_of_the_version_that_is_there() {
-    let [a, b] = versions("several-a", 3, 10, &[8, 6, 4]);
-    let [c, d] = versions("several-c", 11, 8, &[6, 4]);
+    let [a, b] = versions("several-a", 3, 10, &[8, 6, 4]).map(|v| v.1);
+    let [c, d] = versions("several-c", 11, 8, &[6, 4]).map(|v| v.1);
     let all =
         [a, b, c, d, opened(random_merged("several-mmh", 3, 8).1), opened(random_vector("several-vector", 2, 10, 6).1)];
     let maps: Vec<Map> = all.iter().map(|s| Map::new(s.clone()).unwrap()).collect();

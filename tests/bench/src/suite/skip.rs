@@ -20,7 +20,7 @@ use crate::{Args, Failure};
 /// Pictures of the recorded views.
 const PICTURE: [u32; 2] = [1280, 720];
 /// Errors that are asked for, in metres along the light where the scene's unit is one.
-const ERRORS: [f64; 3] = [0.01, 0.1, 1.0];
+const ERRORS: [f64; 5] = [0.01, 0.1, 1.0, 10.0, 100.0];
 /// Receivers held against the geometry.
 const HELD: usize = 20_000;
 
