@@ -24,6 +24,9 @@ use umbrage_format::{
 use crate::container::{Counts, Shared};
 use crate::{CheckedPage, Limits, PageBytes, ReaderError};
 
+/// Most bytes of the index that are read at once.
+const READ_AHEAD: u64 = 1 << 20;
+
 /// A structure of an open file. Clones are cheap and share the file.
 #[derive(Clone)]
 pub struct Structure {
@@ -231,6 +234,56 @@ impl Structure {
             let place = Place::Index(self.number());
             self.fault(FormatError::new(Rule::IndexHead, place, 0, Value::Text("a record"), Value::Text("none")))
         })
+    }
+
+    /// Whether the records of pages are in memory.
+    pub fn has_records(&self, pages: std::ops::Range<u32>) -> bool {
+        self.missing_blocks(pages).next().is_none()
+    }
+
+    /// Index blocks of pages that have not been read.
+    fn missing_blocks(&self, pages: std::ops::Range<u32>) -> impl Iterator<Item = u32> {
+        let per_block = u32::from(self.record().records_per_block.get()).max(1);
+        let end = pages.end.min(self.page_count());
+        let numbers = if pages.start < end { pages.start / per_block..end.div_ceil(per_block) } else { 0..0 };
+        let blocks = self.state.blocks();
+        numbers.filter(move |n| blocks.get(*n as usize).is_some_and(|b| b.get().is_none()))
+    }
+
+    /// Reads the records of pages that are not in memory, blocks that stand together at once. What goes wrong is said when a
+    /// record is asked for.
+    pub fn read_records(&self, pages: std::ops::Range<u32>) {
+        let size = self.record().block_bytes();
+        let most = (READ_AHEAD / size.max(1)).max(1);
+        let missing: Vec<u32> = self.missing_blocks(pages).collect();
+        for run in missing.chunk_by(|a, b| a + 1 == *b) {
+            for run in run.chunks(usize::try_from(most).unwrap_or(1)) {
+                let (Some(&first), Ok(bytes)) = (run.first(), usize::try_from(size * run.len() as u64)) else { return };
+                let mut blocks = vec![0; bytes];
+                if self.shared.read(self.state.index_offset + u64::from(first) * size, &mut blocks).is_err() {
+                    return;
+                }
+                let parts = blocks.chunks_exact(usize::try_from(size).unwrap_or(1));
+                for (number, block) in run.iter().zip(parts) {
+                    if self.state.keep_block(*number, block, &self.shared).is_err() {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether it pays to name pages before they are read: see [`Source::gathers`](crate::Source::gathers).
+    pub fn gathers(&self) -> bool {
+        self.shared.source.gathers()
+    }
+
+    /// Says that pages will be read soon; those whose records are not in memory are left out.
+    pub fn prefetch(&self, pages: impl IntoIterator<Item = u32>) {
+        let known = |o: &u32| *o == 0 || self.has_records(*o..o.saturating_add(1));
+        let records = pages.into_iter().filter(known).filter_map(|o| self.page_record(o).ok());
+        let range = |r: PageRecord| r.offset.get()..r.offset.get().saturating_add(r.stored_bytes());
+        self.shared.source.prefetch(&mut records.map(range).collect());
     }
 
     /// Ordinals of the shared pages that a page depends on.

@@ -18,7 +18,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use umbrage::reader::{Container, FileSource, Limits, ReaderError, Structure};
+#[cfg(feature = "remote")]
+use umbrage::reader::source::{HttpSource, Patience};
+use umbrage::reader::{Container, FileSource, Limits, ReaderError, Source, Structure};
 use umbrage::writer::bake::BakeError;
 use umbrage::writer::container::WriteError;
 use umbrage::writer::hierarchy::build::Progress;
@@ -180,9 +182,26 @@ pub fn load_scene_within(spec: &str, memory_bytes: Option<u64>) -> Result<Mesh, 
     Ok(loaded.mesh)
 }
 
-/// Opens a container with positioned reads.
+/// Opens a container with positioned reads, or by ranges where the path is the address of one on a web server.
 pub fn open(path: &Path) -> Result<Container, ReaderError> {
-    Container::open(Arc::new(FileSource::open(path)?), Limits::default())
+    let url = path.to_str().filter(|p| p.starts_with("http://") || p.starts_with("https://"));
+    Container::open(url.map_or_else(|| file(path), remote)?, Limits::default())
+}
+
+fn file(path: &Path) -> Result<Arc<dyn Source>, ReaderError> {
+    Ok(Arc::new(FileSource::open(path)?))
+}
+
+#[cfg(feature = "remote")]
+fn remote(url: &str) -> Result<Arc<dyn Source>, ReaderError> {
+    Ok(Arc::new(HttpSource::open(url, Patience::default())?))
+}
+
+#[cfg(not(feature = "remote"))]
+fn remote(url: &str) -> Result<Arc<dyn Source>, ReaderError> {
+    let text = "built without the feature remote; build with it, or fetch the file";
+    let source = Arc::new(std::io::Error::new(std::io::ErrorKind::Unsupported, text));
+    Err(ReaderError::Io { file: url.into(), action: "open", source })
 }
 
 /// The named structure, or the only one.

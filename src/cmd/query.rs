@@ -12,7 +12,7 @@ use super::{Failure, INPUT, go_on, listen, load_scene, open, output, picture, st
 /// Arguments of `query`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The container
+    /// The container, or its address on a web server
     file: PathBuf,
     /// Which light; may be left out where there is only one
     #[arg(long)]

@@ -15,7 +15,7 @@ use super::{Failure, USAGE, go_on, listen, load_scene, open, parse_numbers, pict
 pub struct Args {
     /// The scene that the container was baked from
     scene: String,
-    /// The container
+    /// The container, or its address on a web server
     file: PathBuf,
     /// Which light; may be left out where there is only one
     #[arg(long)]

@@ -20,7 +20,7 @@ use super::{Failure, INPUT, USAGE, Watched, go_on, layers, listen, load_scene, o
 /// Arguments of `verify`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The container
+    /// The container, or its address on a web server
     file: PathBuf,
     /// Only this light
     #[arg(long)]

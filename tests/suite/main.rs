@@ -19,7 +19,11 @@ mod mmh;
 mod mmh_tree;
 mod openexr;
 mod python;
+mod remote;
 mod round_trip;
+#[allow(dead_code, reason = "of the runtime's tests, which use all of it")]
+#[path = "../../runtime/tests/suite/server.rs"]
+mod server;
 mod skip;
 mod spec;
 mod stability;

@@ -2,17 +2,22 @@
 //!
 //! - [`FileSource`]: positioned reads, the safe default;
 //! - [`MemorySource`]: bytes that are in memory already;
-//! - [`MapSource`]: a mapped file; `unsafe`, since others may change the file.
+//! - [`MapSource`]: a mapped file; `unsafe`, since others may change the file;
+//! - `HttpSource`: a file on a web server (feature `remote`).
 
 mod file;
 mod map;
 mod memory;
+#[cfg(feature = "remote")]
+mod remote;
 
 use std::io;
 
 pub use file::FileSource;
 pub use map::MapSource;
 pub use memory::MemorySource;
+#[cfg(feature = "remote")]
+pub use remote::{HttpSource, Patience};
 
 /// Bytes of a container, read by offset from any thread.
 pub trait Source: Send + Sync {
@@ -29,6 +34,15 @@ pub trait Source: Send + Sync {
     fn bytes(&self) -> Option<&[u8]> {
         None
     }
+
+    /// Whether a read costs a round trip, so that it pays to name several at once ([`prefetch`](Self::prefetch)).
+    fn gathers(&self) -> bool {
+        false
+    }
+
+    /// These ranges will be read soon. A source that [gathers](Self::gathers) brings those that lie together at once; what
+    /// goes wrong is said when they are read. The list is the source's to change.
+    fn prefetch(&self, _ranges: &mut Vec<std::ops::Range<u64>>) {}
 
     /// Name for messages: the path, or what stands for it.
     fn name(&self) -> &str {

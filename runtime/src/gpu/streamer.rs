@@ -259,7 +259,8 @@ impl GpuStreamer {
     /// A root can't be read, or finds no room.
     pub fn wait_ready(&mut self) -> Result<(), RuntimeError> {
         let (mut admitted, mut idle) = (0, 0);
-        while self.streamer.is_settling() {
+        // What the index says of the roots' children, too.
+        while self.streamer.is_settling() || self.streamer.is_loading() {
             self.streamer.wait(Duration::from_millis(100));
             if let Some(failure) = self.streamer.take_failures().into_iter().next() {
                 return Err(failure.error.into());

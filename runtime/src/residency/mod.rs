@@ -33,6 +33,7 @@ mod tests;
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::sync::Arc;
 
 pub use budget::{Budget, BudgetError};
 pub use exchange::{ABSENT, Child, Config, Entry, Frame, LoadedPage, Op, Stats};
@@ -349,6 +350,18 @@ impl Residency {
             want.words = Some(page.words.len() as u32);
         }
         want.state = State::Ready(page);
+    }
+
+    /// What the index says of the children of a page of structure `number` that came without.
+    pub fn children_told(&mut self, number: u64, ordinal: u32, children: Arc<[Child]>) {
+        if self.spans.find(ordinal).is_none_or(|s| s.number != number) {
+            return;
+        }
+        if let Some(Want { state: State::Ready(page), .. }) = self.wants.get_mut(&ordinal) {
+            page.children = children;
+        } else if let Some(first) = self.residents.tell(ordinal, &children) {
+            self.untold.push_back((first, first.saturating_add(children.len() as u32)));
+        }
     }
 
     /// A page that [`loads`](Self::loads) named could not be read; `true` the first time, when it is to be reported.

@@ -127,6 +127,17 @@ impl Residents {
         self.cells.iter().flatten().map(|c| (c.ordinal, &c.page))
     }
 
+    /// What the index says of a page's children, where they are as many and nothing has been said before; gives the first.
+    pub fn tell(&mut self, ordinal: u32, children: &Arc<[Child]>) -> Option<u32> {
+        let place = *self.places.get(&ordinal)?;
+        let page = &mut self.cells.get_mut(place as usize)?.as_mut()?.page;
+        let fits = page.children.is_empty() && usize::from(page.child_count) == children.len() && !children.is_empty();
+        fits.then(|| {
+            page.children = children.clone();
+            page.first_child
+        })
+    }
+
     /// The resident page of which `ordinal` is a child.
     pub fn parent(&self, ordinal: u32) -> Option<u32> {
         let (_, &(end, parent)) = self.children.range(..=ordinal).next_back()?;

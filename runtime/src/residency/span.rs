@@ -7,6 +7,8 @@ use super::Child;
 /// A structure's pages in the table: page `o` of the structure is page `base + o` there.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Span {
+    /// Tells it from others that had or will have the same places.
+    pub number: u64,
     /// Place of its first page.
     pub base: u32,
     /// Its pages, shared ones included.
@@ -61,6 +63,8 @@ pub struct TableFull {
 #[derive(Debug)]
 pub struct Spans {
     capacity: u32,
+    /// Structures so far.
+    count: u64,
     /// By rising place.
     live: Vec<Span>,
     /// Detached, while the device may still have entries or a thread a page of them.
@@ -69,7 +73,7 @@ pub struct Spans {
 
 impl Spans {
     pub fn new(capacity: u32) -> Self {
-        Self { capacity, live: Vec::new(), gone: Vec::new() }
+        Self { capacity, count: 0, live: Vec::new(), gone: Vec::new() }
     }
 
     /// The structure that a place belongs to.
@@ -98,7 +102,8 @@ impl Spans {
         if self.capacity - base < pages {
             return Err(full);
         }
-        let span = Span { base, pages, shared, roots };
+        self.count += 1;
+        let span = Span { number: self.count, base, pages, shared, roots };
         let at = self.live.partition_point(|s| (s.base, s.end()) <= (base, span.end()));
         self.live.insert(at, span.clone());
         Ok(span)
@@ -154,7 +159,7 @@ mod tests {
     #[test]
     fn pages_are_roots_shared_or_neither() {
         let child = Child::unknown();
-        let span = Span { base: 10, pages: 8, shared: 3, roots: vec![child; 2].into() };
+        let span = Span { number: 1, base: 10, pages: 8, shared: 3, roots: vec![child; 2].into() };
         let kinds: Vec<_> = (9..19).map(|o| (span.contains(o), span.is_root(o), span.is_shared(o))).collect();
         let [no, root, tree, shared] =
             [(false, false, false), (true, true, false), (true, false, false), (true, false, true)];

@@ -367,7 +367,8 @@ impl Streamer {
                     next.stage = Stage::Survey(self.surveys);
                     let what = What::Survey(self.surveys, self.residency.contents(&attached.span));
                     self.in_flight += 1;
-                    self.loader.order(Order { structure: next.structure.clone(), base: next.span.base, what });
+                    let Span { number, base, .. } = next.span;
+                    self.loader.order(Order { structure: next.structure.clone(), number, base, what });
                 }
                 Stage::Roots => {
                     self.residency.detach(attached.span.base);
@@ -417,10 +418,10 @@ impl Streamer {
         self.attached.get_mut(id.index as usize)?.as_mut().filter(|a| a.attachment == id.attachment)
     }
 
-    /// The structure, attached or about to be, that a place in the table belongs to, and its first place.
-    pub(super) fn owner(&self, ordinal: u32) -> Option<(&Structure, u32)> {
+    /// The structure, attached or about to be, that a place in the table belongs to.
+    pub(super) fn owner(&self, ordinal: u32) -> Option<(&Structure, &Span)> {
         let mut versions = self.attached.iter().flatten().flat_map(Attached::versions);
-        versions.find(|(_, span)| span.contains(ordinal)).map(|(structure, span)| (structure, span.base))
+        versions.find(|(_, span)| span.contains(ordinal))
     }
 
     /// Name and first place of that structure.

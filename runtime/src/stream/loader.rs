@@ -1,6 +1,7 @@
 //! Threads that read and check pages, so that no frame waits for a disk or a checksum.
 
 use std::collections::{HashMap, VecDeque};
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -13,11 +14,18 @@ use umbrage_reader::{ReaderError, Structure};
 
 use crate::residency::{Child, Content, LoadedPage};
 
+/// Most pages that are brought at once, so that threads share the work.
+const MOST_GATHERED: usize = 32;
+
 /// What a thread did.
 #[derive(Debug)]
 pub enum Outcome {
     /// What became of the page at a place of the table.
     Page(u32, Result<LoadedPage, ReaderError>),
+    /// The same, but what the index says of its children is still to come.
+    First(LoadedPage),
+    /// That, of the structure of a number and the page at a place.
+    Children(u64, u32, Arc<[Child]>),
     /// What a survey of that number found: pages whose words the pool has.
     Survey(u64, Vec<LoadedPage>),
 }
@@ -27,7 +35,9 @@ pub enum Outcome {
 pub struct Order {
     /// Of which structure.
     pub structure: Structure,
-    /// Place of that structure's first page in the page table.
+    /// Its number in the page table, and the place of its first page there.
+    pub number: u64,
+    /// See above.
     pub base: u32,
     /// What.
     pub what: What,
@@ -52,6 +62,26 @@ struct Orders {
     closed: bool,
 }
 
+impl Orders {
+    /// With an order of a source for which each read costs a round trip, others of its pages.
+    fn gather(&mut self, first: Order) -> Vec<Order> {
+        let mut batch = vec![first];
+        if !matches!(batch[0].what, What::Page(_)) || !batch[0].structure.gathers() {
+            return batch;
+        }
+        let base = batch[0].base;
+        let mut i = 0;
+        while i < self.waiting.len() && batch.len() < MOST_GATHERED {
+            if self.waiting[i].base == base && matches!(self.waiting[i].what, What::Page(_)) {
+                batch.extend(self.waiting.remove(i));
+            } else {
+                i += 1;
+            }
+        }
+        batch
+    }
+}
+
 #[derive(Debug, Default)]
 struct Desk {
     orders: Mutex<Orders>,
@@ -63,15 +93,15 @@ impl Desk {
         self.orders.lock().unwrap_or_else(|e| e.into_inner())
     }
 
-    /// The next order; none where no more will come.
-    fn next(&self) -> Option<Order> {
+    /// The next orders, mostly one; none where no more will come.
+    fn next(&self) -> Option<Vec<Order>> {
         let mut orders = self.orders();
         loop {
             if orders.closed {
                 return None;
             }
             if let Some(order) = orders.waiting.pop_front() {
-                return Some(order);
+                return Some(orders.gather(order));
             }
             orders = self.changed.wait(orders).unwrap_or_else(|e| e.into_inner());
         }
@@ -137,24 +167,54 @@ impl Drop for Loader {
 }
 
 fn work(desk: &Desk, outgoing: &Sender<Outcome>) {
-    while let Some(Order { structure, base, what }) = desk.next() {
-        let outcome = match what {
-            What::Page(ordinal) => {
-                Outcome::Page(ordinal, guarded(&structure, || load(&structure, base, ordinal - base)))
+    while let Some(orders) = desk.next() {
+        if let [Order { structure, .. }, _, ..] = &orders[..] {
+            let pages = orders.iter().filter_map(|o| match o.what {
+                What::Page(ordinal) => Some(ordinal - o.base),
+                _ => None,
+            });
+            // A source that panics here does so again when it is read.
+            let _ = guarded(structure, || {
+                structure.prefetch(pages);
+                Ok(())
+            });
+        }
+        for order in orders {
+            if carry_out(order, outgoing).is_none() {
+                return;
             }
-            What::Kept(ordinal) => {
-                Outcome::Page(ordinal, guarded(&structure, || describe(&structure, base, ordinal - base)))
-            }
-            // What can't be read is read again as any other page, and fails there.
-            What::Survey(number, contents) => {
-                let found = guarded(&structure, || Ok(survey(&structure, base, contents)));
-                Outcome::Survey(number, found.unwrap_or_default())
-            }
-        };
-        if outgoing.send(outcome).is_err() {
-            return;
         }
     }
+}
+
+/// Reads what was ordered and sends it; none where nobody takes it any more.
+fn carry_out(Order { structure, number, base, what }: Order, outgoing: &Sender<Outcome>) -> Option<()> {
+    let outcome = match what {
+        What::Page(ordinal) => match guarded(&structure, || read(&structure, base, ordinal - base)) {
+            Ok((mut page, record)) => {
+                let children = record.first_child.get()..record.children_end();
+                if structure.has_records(children.clone()) {
+                    page.children = told_of(&structure, children);
+                    Outcome::Page(ordinal, Ok(page))
+                } else {
+                    // It can answer while the index is being read.
+                    outgoing.send(Outcome::First(page)).ok()?;
+                    let told = guarded(&structure, || Ok(told_of(&structure, children)));
+                    Outcome::Children(number, ordinal, told.unwrap_or_default())
+                }
+            }
+            Err(e) => Outcome::Page(ordinal, Err(e)),
+        },
+        What::Kept(ordinal) => {
+            Outcome::Page(ordinal, guarded(&structure, || describe(&structure, base, ordinal - base)))
+        }
+        // What can't be read is read again as any other page, and fails there.
+        What::Survey(number, contents) => {
+            let found = guarded(&structure, || Ok(survey(&structure, base, contents)));
+            Outcome::Survey(number, found.unwrap_or_default())
+        }
+    };
+    outgoing.send(outcome).ok()
 }
 
 /// A source of the caller's may panic: then what was asked for has failed, and the thread lives on.
@@ -171,12 +231,14 @@ fn survey(structure: &Structure, base: u32, mut contents: HashMap<Content, u32>)
     let mut found = Vec::new();
     while let Some(page) = open.pop() {
         let Ok(record) = structure.page_record(page) else { continue };
+        structure.read_records(record.first_child.get()..record.children_end());
         for child in record.first_child.get()..record.children_end() {
             let Ok(record) = structure.page_record(child) else { continue };
             let left = told(structure, &record).content().and_then(|c| contents.get_mut(&c));
             if let Some(left) = left.filter(|n| **n != 0) {
                 *left -= 1;
-                found.push(indexed(structure, base, child, &record));
+                let children = told_of(structure, record.first_child.get()..record.children_end());
+                found.push(LoadedPage { children, ..indexed(structure, base, child, &record) });
                 open.push(child);
             }
         }
@@ -201,6 +263,13 @@ pub fn told(structure: &Structure, record: &PageRecord) -> Child {
 /// # Errors
 /// The page or its record can't be read, or breaks a rule.
 pub fn load(structure: &Structure, base: u32, page: u32) -> Result<LoadedPage, ReaderError> {
+    let (page, record) = read(structure, base, page)?;
+    let children = told_of(structure, record.first_child.get()..record.children_end());
+    Ok(LoadedPage { children, ..page })
+}
+
+/// The same without the children, and the page's record.
+fn read(structure: &Structure, base: u32, page: u32) -> Result<(LoadedPage, PageRecord), ReaderError> {
     let frame = structure.page_bytes(page)?.check_frame()?;
     let record = *frame.record();
     let mut dependencies = if record.dep_count.get() == 0 { Vec::new() } else { structure.dependencies(page)? };
@@ -212,27 +281,34 @@ pub fn load(structure: &Structure, base: u32, page: u32) -> Result<LoadedPage, R
         kind if kind.has_layout() => frame.check_kind()?.words().into(),
         _ => frame.words().into(),
     };
-    Ok(LoadedPage { dependencies, words, ..indexed(structure, base, page, &record) })
+    Ok((LoadedPage { dependencies, words, ..indexed(structure, base, page, &record) }, record))
 }
 
-/// The same without its words, for a page that depends on no other.
+/// A page without its words, for one that depends on no other.
 fn describe(structure: &Structure, base: u32, page: u32) -> Result<LoadedPage, ReaderError> {
-    Ok(indexed(structure, base, page, &structure.page_record(page)?))
+    let record = structure.page_record(page)?;
+    let children = told_of(structure, record.first_child.get()..record.children_end());
+    Ok(LoadedPage { children, ..indexed(structure, base, page, &record) })
 }
 
-/// What the index has of a page.
+/// What a record has of its own page.
 fn indexed(structure: &Structure, base: u32, page: u32, record: &PageRecord) -> LoadedPage {
-    // The children's records stand together. Where they can't be read, the children can't be loaded either, and say why.
-    let children = record.first_child.get()..record.children_end();
-    let children: Result<Vec<Child>, ReaderError> =
-        children.map(|o| structure.page_record(o).map(|r| told(structure, &r))).collect();
     LoadedPage {
         ordinal: base.saturating_add(page),
         first_child: record.first_child.get().saturating_add(base),
         child_count: record.child_count.get(),
-        children: children.unwrap_or_default().into(),
+        children: Arc::default(),
         dependencies: Vec::new(),
         hash: told(structure, record).hash,
         words: Arc::default(),
     }
+}
+
+/// What the index says of children, whose records stand together. Nothing where they can't be read: then the children
+/// can't be loaded either, and say why.
+fn told_of(structure: &Structure, children: Range<u32>) -> Arc<[Child]> {
+    structure.read_records(children.clone());
+    let told: Result<Vec<Child>, ReaderError> =
+        children.map(|o| structure.page_record(o).map(|r| told(structure, &r))).collect();
+    told.unwrap_or_default().into()
 }

@@ -291,18 +291,28 @@ impl Streamer {
             }
         }
         for ordinal in self.residency.loads() {
-            let Some((structure, base)) = self.owner(ordinal) else { continue };
+            let Some((structure, span)) = self.owner(ordinal) else { continue };
+            let (number, base) = (span.number, span.base);
             let what = if self.residency.is_kept(ordinal) { What::Kept(ordinal) } else { What::Page(ordinal) };
-            let order = Order { structure: structure.clone(), base, what };
+            let order = Order { structure: structure.clone(), number, base, what };
             self.in_flight += 1;
             self.loader.order(order);
         }
     }
 
     fn settle(&mut self, outcome: Outcome) {
+        if let Outcome::First(page) = outcome {
+            self.loads += 1;
+            self.residency.loaded(page);
+            return;
+        }
         self.in_flight -= 1;
         let (ordinal, page) = match outcome {
+            Outcome::First(_) => return,
             Outcome::Page(ordinal, page) => (ordinal, page),
+            Outcome::Children(number, ordinal, children) => {
+                return self.residency.children_told(number, ordinal, children);
+            }
             Outcome::Survey(number, pages) => return self.surveyed(number, pages),
         };
         self.loads += 1;

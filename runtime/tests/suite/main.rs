@@ -9,6 +9,8 @@ mod faults;
 mod filter;
 mod later;
 mod parity;
+mod remote;
+mod server;
 mod several;
 mod skip;
 mod steady;

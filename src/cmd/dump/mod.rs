@@ -22,7 +22,7 @@ pub use draw::Picture;
 /// Arguments of `dump`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The container
+    /// The container, or its address on a web server
     file: PathBuf,
     /// Which light; may be left out where there is only one
     #[arg(long)]
