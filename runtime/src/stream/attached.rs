@@ -136,14 +136,14 @@ impl Streamer {
 
     /// A place in the table for a structure for which there is room in the pool.
     fn take_in(&mut self, structure: &Structure) -> Result<(Span, Needs), RuntimeError> {
-        let others = self.needs();
         // The smaller one holds.
         let budget = self.coming.filter(|c| c.blocks < self.budget.blocks).unwrap_or(self.budget);
-        let all = |own: &Needs| enough(others.iter().chain([own]));
         let mut needs = Needs::of(structure, false)?;
-        if all(&needs) > budget.blocks {
+        if enough(self.needs().iter().chain([&needs])) > budget.blocks {
+            self.measure()?;
             needs = Needs::of(structure, true)?;
-            let mut blocks = all(&needs);
+            let others = self.needs();
+            let mut blocks = enough(others.iter().chain([&needs]));
             if others.is_empty() {
                 // The way shares blocks with the roots.
                 blocks = blocks.min(least::just_enough(structure)?);
@@ -167,17 +167,26 @@ impl Streamer {
         self.attached.iter().flatten().flat_map(of).flatten().collect()
     }
 
-    /// Fewest blocks for what is attached.
-    pub(super) fn least_blocks(&mut self) -> Result<u32, ReaderError> {
-        // Exact ones are known only where the pool was small.
+    /// Looks through the indices for what the structures need at least.
+    fn measure(&mut self) -> Result<(), ReaderError> {
         for attached in self.attached.iter_mut().flatten() {
             attached.needs = Needs::of(&attached.structure, true)?;
+            if let Some(next) = &mut attached.next {
+                next.needs = Needs::of(&next.structure, true)?;
+            }
         }
-        let all = enough(self.needs().iter());
-        let mut structures = self.attached.iter().flatten();
-        match (structures.next(), structures.next()) {
-            (Some(only), None) if only.next.is_none() => Ok(least::just_enough(&only.structure)?.min(all)),
-            (None, _) => Ok(0),
+        Ok(())
+    }
+
+    /// Blocks that are enough for what is attached; the fewest, which the indices must be read for, where that is asked.
+    pub(super) fn enough_blocks(&mut self, fewest: bool) -> Result<u32, ReaderError> {
+        if fewest {
+            self.measure()?;
+        }
+        let needs = self.needs();
+        let all = if needs.is_empty() { 1 } else { enough(needs.iter()) };
+        match self.attached.iter().flatten().next() {
+            Some(only) if fewest && needs.len() == 1 => Ok(least::just_enough(&only.structure)?.min(all)),
             _ => Ok(all),
         }
     }

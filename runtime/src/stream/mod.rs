@@ -152,12 +152,17 @@ impl Streamer {
     }
 
     /// Another budget, while frames go on. A smaller one holds once pages have moved together and others have gone, which takes
-    /// some frames: then [`exchange`](Self::exchange) says so. What was given last counts.
+    /// some frames: then [`exchange`](Self::exchange) says so. What was given last counts. Reads the indices where the pool
+    /// becomes small.
     ///
     /// # Errors
     /// It can't hold the roots of all structures and any page with all above it; the old one holds on.
     pub fn set_budget(&mut self, budget_bytes: u64) -> Result<(), RuntimeError> {
-        let budget = Budget::divide(budget_bytes, self.table, self.least_blocks()?.max(1), self.most_pool)?;
+        let enough = Budget::divide(budget_bytes, self.table, self.enough_blocks(false)?, self.most_pool);
+        let budget = match enough {
+            Ok(budget) => budget,
+            Err(_) => Budget::divide(budget_bytes, self.table, self.enough_blocks(true)?, self.most_pool)?,
+        };
         self.residency.resize(config(&budget, self.table));
         self.coming = Some(budget);
         Ok(())

@@ -8,6 +8,7 @@ mod engine;
 mod faults;
 mod filter;
 mod later;
+mod moving;
 mod parity;
 mod remote;
 mod server;
@@ -27,3 +28,5 @@ mod mmh_tree;
 #[path = "../../../reader/tests/suite/vector_tree.rs"]
 mod vector_tree;
 mod view;
+#[path = "../../examples/walk.rs"]
+mod walk;
