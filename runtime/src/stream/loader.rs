@@ -5,7 +5,6 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use umbrage_format::{Kind, PageRecord};
@@ -113,7 +112,6 @@ impl Desk {
 pub struct Loader {
     desk: Arc<Desk>,
     outcomes: Receiver<Outcome>,
-    threads: Vec<JoinHandle<()>>,
 }
 
 impl Loader {
@@ -121,13 +119,11 @@ impl Loader {
     pub fn start(threads: usize) -> Self {
         let desk = Arc::new(Desk::default());
         let (outgoing, outcomes) = mpsc::channel();
-        let threads = (0..threads.max(1))
-            .map(|_| {
-                let (desk, outgoing) = (desk.clone(), outgoing.clone());
-                std::thread::spawn(move || work(&desk, &outgoing))
-            })
-            .collect();
-        Self { desk, outcomes, threads }
+        for _ in 0..threads.max(1) {
+            let (desk, outgoing) = (desk.clone(), outgoing.clone());
+            std::thread::spawn(move || work(&desk, &outgoing));
+        }
+        Self { desk, outcomes }
     }
 
     /// Asks for a page; returns at once.
@@ -157,12 +153,9 @@ impl Loader {
 
 impl Drop for Loader {
     fn drop(&mut self) {
+        // Threads end by themselves: one may wait for a server, and nobody waits for it.
         self.desk.orders().closed = true;
         self.desk.changed.notify_all();
-        for thread in self.threads.drain(..) {
-            // A thread that panicked has said so already.
-            let _ = thread.join();
-        }
     }
 }
 

@@ -185,9 +185,8 @@ impl Streamer {
         let budget = self.coming.take().unwrap_or(self.budget);
         self.budget = budget;
         self.residency = Residency::new(config(&budget, self.table));
-        let loader = std::mem::replace(&mut self.loader, Loader::start(self.threads));
-        // It waits for what is being read.
-        std::thread::spawn(move || drop(loader));
+        // What the old threads still read comes to nobody.
+        self.loader = Loader::start(self.threads);
         (self.in_flight, self.last) = (0, Stats::default());
         self.reattach()
     }

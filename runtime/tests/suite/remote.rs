@@ -217,6 +217,26 @@ fn a_file_that_was_replaced_is_noticed_and_the_new_one_goes_on() {
 }
 
 #[test]
+fn nobody_waits_for_a_server_that_stalls_when_a_streamer_goes() {
+    let server = Server::new(shared_city(), TAGGED);
+    let patience = Patience { connect: Duration::from_secs(5), answer: Duration::from_secs(30) };
+    let source = HttpSource::open(&server.url, patience).map(Arc::new).unwrap();
+    let (mut cpu, id) = streamer(&structure(source).unwrap());
+    first_picture(&mut cpu, id);
+    while cpu.streamer.is_loading() {
+        cpu.streamer.wait(Duration::from_millis(20));
+    }
+    server.set(STALLS);
+    (1..200).for_each(|o| cpu.streamer.request(o, 1));
+    cpu.streamer.begin(&[]);
+    std::thread::sleep(Duration::from_millis(50));
+    assert!(cpu.streamer.is_loading());
+    let start = Instant::now();
+    drop(cpu);
+    assert!(start.elapsed() < Duration::from_millis(300), "{:?}", start.elapsed());
+}
+
+#[test]
 fn what_can_not_be_opened_says_why() {
     let server = Server::new(shared_city(), TAGGED);
     for (fault, kind, text) in [
