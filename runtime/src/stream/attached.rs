@@ -238,8 +238,8 @@ impl Streamer {
 
     /// A new version takes a structure's place as soon as its roots have come: from one frame to the next, and under the same
     /// name. Where kind and resolution are the same, pages whose content is unchanged go on in their slots, unless they depend
-    /// on others; those of which all above them are unchanged, the root aside, answer from its first frame on. Regions that were marked as stale are so no more. Errors as [`attach`](Self::attach); the old version answers on
-    /// then.
+    /// on others; those of which all above them are unchanged, the root aside, answer from its first frame on.
+    /// Regions that were marked as stale are so no more. Errors as [`attach`](Self::attach); the old version answers on then.
     ///
     /// # Errors
     /// Those, or the structure has gone.
