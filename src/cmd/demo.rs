@@ -5,14 +5,14 @@ use std::time::Instant;
 
 use serde_json::json;
 use umbrage::format::Kind;
-use umbrage::render::{Camera, Scene, Shading, ShadowRays, UpAxis, coverage, difference, shade, write_png};
+use umbrage::render::{Camera, Look, Scene, Shading, ShadowRays, UpAxis, coverage, difference, shade, write_png, write_text};
 use umbrage::writer::bake::{BakeError, BakeOptions, Light, bake};
 use umbrage::writer::frame;
 use umbrage::writer::scene::{self, DEMO_LIGHT};
 use umbrage::writer::solid::Policy;
 
 use super::output::{self, line};
-use super::shadows::{Backend, How, Look, Shadows, default_budget};
+use super::shadows::{Backend, How, Shadows, default_budget};
 use super::{
     Failure, INPUT, TARGET, Watched, go_on, listen, load_scene, open, parse_resolution, picture, structure, whole,
 };
@@ -135,7 +135,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
         "seconds": stages.iter().map(|(n, s)| (n.to_string(), json!(s))).collect::<serde_json::Map<_, _>>(),
         "total_seconds": total,
     });
-    output::write_file(&args.out.join("report.json"), &format!("{report:#}\n"))?;
+    write_text(&args.out.join("report.json"), &format!("{report:#}\n"))?;
     if args.json {
         return line(&report.to_string());
     }

@@ -3,7 +3,9 @@
 mod bake;
 mod demo;
 mod dump;
+mod flight;
 mod layers;
+mod look;
 mod merge;
 mod output;
 mod picture;
@@ -11,6 +13,8 @@ mod query;
 mod render;
 mod shadows;
 mod verify;
+#[cfg(feature = "viewer")]
+mod view;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -47,8 +51,11 @@ pub enum Command {
     Bake(bake::Args),
     /// Look points or texels up
     Query(query::Args),
-    /// Draw a view of the scene with the shadows of a container
+    /// Draw a view of the scene with the shadows of a container, or the frames of a flight
     Render(render::Args),
+    /// Fly through the scene in a window while its shadows stream
+    #[cfg(feature = "viewer")]
+    View(view::Args),
     /// Put the lights of several containers into one
     Merge(merge::Args),
     /// Show what is in a container
@@ -66,6 +73,8 @@ impl Command {
             Command::Bake(a) => bake::run(a),
             Command::Query(a) => query::run(a),
             Command::Render(a) => render::run(a),
+            #[cfg(feature = "viewer")]
+            Command::View(a) => view::run(a),
             Command::Merge(a) => merge::run(a),
             Command::Dump(a) => dump::run(a),
             Command::Verify(a) => verify::run(a),

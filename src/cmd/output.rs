@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::io::Write as _;
-use std::path::Path;
 
 use super::{Failure, TARGET};
 
@@ -11,18 +10,6 @@ pub fn line(text: &str) -> Result<(), Failure> {
     writeln!(std::io::stdout().lock(), "{text}").map_err(|e| {
         let code = if e.kind() == std::io::ErrorKind::BrokenPipe { 0 } else { TARGET };
         Failure::new(code, format!("stdout: {e}"))
-    })
-}
-
-/// Writes a small file as a whole: temporary file beside it, then rename.
-pub fn write_file(path: &Path, text: &str) -> Result<(), Failure> {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(format!(".{}.tmp", std::process::id()));
-    let temporary = path.with_file_name(name);
-    let done = fs::write(&temporary, text).and_then(|()| fs::rename(&temporary, path));
-    done.map_err(|e| {
-        let _ = fs::remove_file(&temporary);
-        Failure::new(TARGET, format!("{}: {e}; name a folder that can be written", path.display()))
     })
 }
 

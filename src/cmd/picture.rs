@@ -6,12 +6,11 @@ use rayon::prelude::*;
 use umbrage::certify::Oracle;
 use umbrage::reader::query::Map;
 use umbrage::reader::{ReaderError, Structure};
-use umbrage::render::{Footprints, Placement, Surface, View};
+use umbrage::render::{Filter, Footprints, Placement, Surface, View};
 use umbrage::writer::bake::policy_of;
 use umbrage::writer::mesh::Mesh;
 use umbrage::writer::solid::{self, SnappedMesh};
 
-use super::shadows::Filter;
 use super::{Failure, INPUT, REFUSED, go_on};
 
 /// The scene as it was when this structure was baked: snapped to its lattice under its policy.

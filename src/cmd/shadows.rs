@@ -2,9 +2,8 @@
 
 use serde_json::{Value, json};
 use umbrage::reader::query::Map;
-use umbrage::reader::query::filter::{LOD_BITS, MAX_SIDE, nearest_level};
 use umbrage::reader::{Container, Structure};
-use umbrage::render::{Footprints, Surface, View, coverage};
+use umbrage::render::{Look, Surface, View, coverage};
 
 use super::{Failure, TARGET, USAGE, output, picture};
 
@@ -17,59 +16,6 @@ pub enum Backend {
     Gpu,
     /// The CPU
     Cpu,
-}
-
-/// How the map is looked up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Look {
-    /// The receiver's texel.
-    Texel,
-    /// Its place in the texel, where that is proven.
-    Place,
-    /// Texels around it.
-    Filtered(Filter),
-}
-
-/// A filter, with the taps on a side of its kernels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Filter {
-    /// On level 0.
-    Pcf(u32),
-    /// On the level of the pixel's footprint.
-    Hierarchical(u32),
-    /// Between the two levels around it.
-    Trilinear(u32),
-}
-
-impl Filter {
-    /// Taps on a side, and level in 1/256, at a pixel.
-    pub fn at(self, of: &Footprints<'_>, pixel: usize) -> (u32, u32) {
-        match self {
-            Filter::Pcf(side) => (side, 0),
-            Filter::Hierarchical(side) => (side, u32::from(nearest_level(of.level_of_detail(pixel))) << LOD_BITS),
-            Filter::Trilinear(side) => (side, of.level_of_detail(pixel)),
-        }
-    }
-}
-
-/// Reads the value of `--filter`.
-pub fn parse_filter(s: &str) -> Result<Look, String> {
-    let wrong = || {
-        format!(
-            "expected hard, pcf:N, hpcf or trilinear (or hpcf:N, trilinear:N), N from 1 to {MAX_SIDE} taps on a side, found '{s}'"
-        )
-    };
-    let (name, side) = match s.split_once(':') {
-        Some((name, n)) => (name, Some(n.parse().ok().filter(|n| (1..=MAX_SIDE).contains(n)).ok_or_else(wrong)?)),
-        None => (s, None),
-    };
-    match (name, side) {
-        ("hard", None) => Ok(Look::Texel),
-        ("pcf", Some(n)) => Ok(Look::Filtered(Filter::Pcf(n))),
-        ("hpcf", n) => Ok(Look::Filtered(Filter::Hierarchical(n.unwrap_or(3)))),
-        ("trilinear", n) => Ok(Look::Filtered(Filter::Trilinear(n.unwrap_or(3)))),
-        _ => Err(wrong()),
-    }
 }
 
 /// With what.
@@ -206,13 +152,13 @@ impl Shadows {
 mod gpu {
     use rayon::prelude::*;
     use umbrage::reader::Structure;
-    use umbrage::render::{Footprints, Surface, View, coverage};
+    use umbrage::render::{Footprints, Look, Surface, View, coverage};
     use umbrage::runtime::RuntimeError;
     use umbrage::runtime::gpu::{GpuStreamer, Headless, Receiver, ViewOptions};
     use umbrage::runtime::query::filter::FilterQuery;
 
     use super::super::{Failure, REFUSED, TARGET};
-    use super::{How, Look, Shadows, Streamed};
+    use super::{How, Shadows, Streamed};
 
     /// Why the device did not answer.
     pub enum Failed {
@@ -285,10 +231,10 @@ mod gpu {
 #[cfg(not(feature = "gpu"))]
 mod gpu {
     use umbrage::reader::Structure;
-    use umbrage::render::{Surface, View};
+    use umbrage::render::{Look, Surface, View};
 
     use super::super::Failure;
-    use super::{How, Look, Shadows};
+    use super::{How, Shadows};
 
     /// Why the device did not answer.
     pub enum Failed {

@@ -114,17 +114,17 @@ impl Camera {
 }
 
 /// Dot product.
-pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Cross product.
-pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// The unit vector along `v`; nothing for a zero vector. Scaled first, so that no square over- or underflows.
-pub(super) fn normalised(v: [f64; 3]) -> Option<[f64; 3]> {
+pub(crate) fn normalised(v: [f64; 3]) -> Option<[f64; 3]> {
     let largest = v.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
     if !(largest > 0.0 && largest.is_finite()) {
         return None;

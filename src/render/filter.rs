@@ -8,7 +8,7 @@ use super::scene::{Surface, View};
 
 /// Steepest plane that taps follow, in texel widths of depth for one texel: 86 degrees. Beyond, the light grazes, and a
 /// plane says little about what lies beside it.
-const STEEPEST: f64 = 16.0;
+pub(crate) const STEEPEST: f64 = 16.0;
 
 /// A view's receivers as filters ask about them.
 pub struct Footprints<'a> {

@@ -171,6 +171,43 @@ impl Flight {
     }
 }
 
+/// A flight while it is flown: keys that are added one behind the other.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    up: UpAxis,
+    fov: f64,
+    keys: Vec<Key>,
+}
+
+impl Recording {
+    /// Without keys; `fov` is the vertical field of view in degrees.
+    pub const fn new(up: UpAxis, fov: f64) -> Self {
+        Self { up, fov, keys: Vec::new() }
+    }
+
+    /// A key, at seconds from any beginning; the first one begins the flight. One that is not behind the last is left out.
+    pub fn add(&mut self, seconds: f64, eye: [f64; 3], target: [f64; 3]) {
+        if self.keys.last().is_none_or(|k| k.seconds < seconds) {
+            self.keys.push(Key { seconds, places: [eye, target] });
+        }
+    }
+
+    /// The flight's file.
+    pub fn json(&self) -> String {
+        let start = self.keys.first().map_or(0.0, |k| k.seconds);
+        let key = |k: &Key| {
+            let [eye, target] = k.places;
+            // Milliseconds are enough, and rise as the keys do; the first is 0.
+            let seconds = ((k.seconds - start) * 1e3).round() / 1e3;
+            format!("  {}", serde_json::json!({"seconds": seconds, "eye": eye, "target": target}))
+        };
+        let keys: Vec<String> = self.keys.iter().map(key).collect();
+        let up = if self.up == UpAxis::Y { "y" } else { "z" };
+        let head = format!("{{\"up\": \"{up}\", \"fov\": {}, \"frames_per_second\": 60, \"keys\": [", self.fov);
+        format!("{head}\n{}]}}\n", keys.join(",\n"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -221,6 +258,23 @@ mod tests {
             assert!(message.contains(expected), "{message}\n{expected}");
         }
         assert!(Flight::parse(&THREE.replace("1, 0]}]}", "1, 0]}, 7]}")).is_err());
+    }
+
+    #[test]
+    fn what_was_recorded_can_be_flown() {
+        let mut recording = Recording::new(UpAxis::Z, 50.0);
+        for (seconds, x) in [(7.1, 0.0), (7.35, 1.0), (7.35, 9.0), (7.2, 9.0), (7.6, 2.0)] {
+            recording.add(seconds, [x, 0.1, 0.2], [x, 1.0, 0.3]);
+        }
+        let flight = Flight::parse(&recording.json()).unwrap();
+        assert_eq!((flight.frames(), flight.frames_per_second()), (31, 60.0));
+        for (frame, x) in [(0, 0.0), (15, 1.0), (30, 2.0)] {
+            let camera = flight.camera(frame).unwrap();
+            let right = Camera::new([x, 0.1, 0.2], [x, 1.0, 0.3], UpAxis::Z, 50.0).unwrap();
+            assert!((0..3).all(|k| (camera.eye()[k] - right.eye()[k]).abs() < 1e-9), "{camera:?}");
+            assert_eq!((camera.half(4, 3), camera.up_axis()), (right.half(4, 3), UpAxis::Z));
+        }
+        assert!(Flight::parse(&Recording::new(UpAxis::Y, 45.0).json()).is_err(), "without keys");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Pixels in memory and PNG files.
+//! Pixels in memory, PNG files, and small texts that are written alike.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -70,14 +70,29 @@ pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), ImageError> {
     if !(legal(width) && legal(height) && pixels.len() as u64 == u64::from(width) * u64::from(height)) {
         return Err(ImageError::Size { path: path.into(), width, height, pixels: pixels.len() });
     }
+    write_whole(path, |out| encode(out, image))
+}
+
+/// Writes a text as [`write_png`] writes a picture.
+///
+/// # Errors
+/// As there.
+pub fn write_text(path: &Path, text: &str) -> Result<(), ImageError> {
+    write_whole(path, |mut out| {
+        out.write_all(text.as_bytes())?;
+        out.flush()?;
+        out.get_ref().sync_all()
+    })
+}
+
+fn write_whole(path: &Path, write: impl FnOnce(BufWriter<File>) -> io::Result<()>) -> Result<(), ImageError> {
     let failed = |path: &Path, step| {
         let path = path.to_path_buf();
         move |source: io::Error| ImageError::Io { path, step, source }
     };
     let (file, mut temporary) =
         create_beside(path).map_err(failed(path, "cannot create a temporary file beside it"))?;
-    let encoded = encode(BufWriter::new(file), image);
-    encoded.map_err(failed(path, "cannot write its temporary file"))?;
+    write(BufWriter::new(file)).map_err(failed(path, "cannot write its temporary file"))?;
     fs::rename(&temporary.path, path).map_err(failed(path, "cannot put the finished file in place"))?;
     temporary.keep = true;
     Ok(())

@@ -15,6 +15,7 @@
 //! | `depth` | exact fractions, depth of a triangle over a lattice point |
 //! | `shadow` | the reference |
 //! | `filter` | what filters ask: planes, footprints |
+//! | `look` | how the map is looked up |
 //! | `flight` | cameras over time |
 //! | `shade` | colours, differences |
 //! | `image` | pixels in memory, PNG |
@@ -25,6 +26,7 @@ mod depth;
 mod filter;
 mod flight;
 mod image;
+mod look;
 mod receiver;
 mod scene;
 mod shade;
@@ -35,9 +37,17 @@ mod testing;
 pub use camera::{Camera, CameraError, UpAxis};
 pub use depth::Depth;
 pub use filter::Footprints;
-pub use flight::{Flight, FlightError};
-pub use image::{ImageError, RgbImage, write_png};
+pub use flight::{Flight, FlightError, Recording};
+pub use image::{ImageError, RgbImage, write_png, write_text};
+pub use look::{Filter, Look, parse_look};
 pub use receiver::{Placement, Receiver};
 pub use scene::{Hit, Scene, Surface, View};
 pub use shade::{Shading, coverage, difference, shade};
+#[cfg(feature = "gpu")]
+pub(crate) use shade::constants as shade_constants;
+#[cfg(feature = "gpu")]
+pub(crate) use {
+    camera::{cross, dot, normalised},
+    filter::STEEPEST,
+};
 pub use shadow::ShadowRays;

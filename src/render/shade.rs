@@ -22,6 +22,17 @@ const GROUND: [f32; 3] = [0.16, 0.14, 0.11];
 const HORIZON: [f32; 3] = [0.66, 0.75, 0.86];
 const ZENITH: [f32; 3] = [0.16, 0.34, 0.68];
 
+/// The colours for shaders: constants in WGSL under the same names, and the size of the palette.
+#[cfg(feature = "gpu")]
+pub(crate) fn constants() -> String {
+    let vector = |c: [f32; 3]| format!("vec3<f32>({:?}, {:?}, {:?})", c[0], c[1], c[2]);
+    let names = [("SUN", SUN), ("SKY", SKY), ("GROUND", GROUND), ("HORIZON", HORIZON), ("ZENITH", ZENITH)];
+    let single = names.map(|(name, c)| format!("const {name} = {};\n", vector(c))).concat();
+    let palette = PALETTE.map(vector).join(", ");
+    let size = PALETTE.len();
+    format!("{single}const PALETTE_SIZE = {size}u;\nconst PALETTE = array<vec3<f32>, {size}>({palette});\n")
+}
+
 /// What [`shade`] may vary.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Shading<'a> {

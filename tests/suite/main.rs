@@ -35,6 +35,8 @@ mod vector;
 #[path = "../../reader/tests/suite/vector_tree.rs"]
 mod vector_tree;
 mod verify;
+#[cfg(feature = "viewer")]
+mod view;
 
 #[test]
 fn the_example_of_a_depth_source_runs() {

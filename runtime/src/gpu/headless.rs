@@ -20,21 +20,38 @@ impl Headless {
     /// # Errors
     /// There is no adapter, and the message says what to install; or it gives no device.
     pub fn new() -> Result<Self, RuntimeError> {
+        Ok(Self::of(&Self::instance(), None)?.1)
+    }
+
+    /// Vulkan, as [`new`](Self::new) takes it.
+    pub fn instance() -> wgpu::Instance {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         descriptor.backends = wgpu::Backends::VULKAN;
-        let instance = wgpu::Instance::new(descriptor);
+        wgpu::Instance::new(descriptor)
+    }
+
+    /// The same with the adapter; where there is a surface, one that can draw on it.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of(
+        instance: &wgpu::Instance,
+        surface: Option<&wgpu::Surface<'_>>,
+    ) -> Result<(wgpu::Adapter, Self), RuntimeError> {
         let options = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
+            compatible_surface: surface,
             ..Default::default()
         };
         let adapter = pollster::block_on(instance.request_adapter(&options))
             .map_err(|e| RuntimeError::NoAdapter { reason: e.to_string() })?;
         let info = adapter.get_info();
         let most = adapter.limits();
-        // What every device has, but buffers as large as this one can.
+        // What every device has, but buffers and pictures as large as this one can.
         let required_limits = wgpu::Limits {
             max_storage_buffer_binding_size: most.max_storage_buffer_binding_size,
             max_buffer_size: most.max_buffer_size,
+            max_texture_dimension_2d: most.max_texture_dimension_2d,
             ..wgpu::Limits::downlevel_defaults()
         };
         let descriptor =
@@ -42,6 +59,6 @@ impl Headless {
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|e| RuntimeError::NoDevice { adapter: info.name.clone(), reason: e.to_string() })?;
         let name = format!("{} ({} {})", info.name, info.driver, info.driver_info);
-        Ok(Self { device, queue, name })
+        Ok((adapter, Self { device, queue, name }))
     }
 }

@@ -1,0 +1,31 @@
+//! The snapped mesh as words for the device: what is drawn is what was baked, to the lattice step.
+
+use umbrage_writer::solid::SnappedMesh;
+
+/// Positions, three words each, then for each triangle the numbers of three positions and of its solid.
+pub(super) struct MeshWords {
+    pub words: Vec<u32>,
+    /// Word at which the triangles begin.
+    pub triangles_at: u32,
+    /// Triangles.
+    pub triangles: u32,
+}
+
+/// Bytes of the words of a mesh.
+pub(super) fn bytes(mesh: &SnappedMesh) -> u64 {
+    4 * (3 * mesh.positions.len() as u64 + 4 * mesh.triangles.len() as u64)
+}
+
+impl MeshWords {
+    /// Of a mesh whose [`bytes`] a device binds: less than 2^32 words. On maps whose far border is 2^32 steps away, what lies
+    /// upon it is drawn one step inside.
+    pub fn new(mesh: &SnappedMesh) -> Self {
+        let word = |v: i64| u32::try_from(v.max(0)).unwrap_or(u32::MAX);
+        let mut words = Vec::with_capacity(3 * mesh.positions.len() + 4 * mesh.triangles.len());
+        words.extend(mesh.positions.iter().flat_map(|p| p.map(word)));
+        let triangles_at = words.len() as u32;
+        let solid = |t: usize| mesh.solid.get(t).copied().unwrap_or(0);
+        words.extend(mesh.triangles.iter().enumerate().flat_map(|(t, &[a, b, c])| [a, b, c, solid(t)]));
+        Self { words, triangles_at, triangles: mesh.triangles.len() as u32 }
+    }
+}
