@@ -5,7 +5,9 @@ use std::time::Instant;
 
 use serde_json::json;
 use umbrage::format::Kind;
-use umbrage::render::{Camera, Look, Scene, Shading, ShadowRays, UpAxis, coverage, difference, shade, write_png, write_text};
+use umbrage::render::{
+    Camera, Look, Scene, Shading, ShadowRays, UpAxis, coverage, difference, shade, write_png, write_text,
+};
 use umbrage::writer::bake::{BakeError, BakeOptions, Light, bake};
 use umbrage::writer::frame;
 use umbrage::writer::scene::{self, DEMO_LIGHT};

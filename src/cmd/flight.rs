@@ -25,14 +25,24 @@ pub struct Args {
     #[arg(long, value_name = "FLIGHT.json")]
     flight: Option<PathBuf>,
     /// Draw each frame of the flight once with what has come, as a game would, instead of waiting for its pages
-    #[arg(long, requires = "flight")]
+    #[arg(long)]
     once: bool,
     /// Frames of the flight from FIRST to LAST, from 0, the last one included
-    #[arg(long, value_name = "FIRST..LAST", requires = "flight", value_parser = parse_frames, allow_hyphen_values = true)]
+    #[arg(long, value_name = "FIRST..LAST", value_parser = parse_frames, allow_hyphen_values = true)]
     frames: Option<[u32; 2]>,
     /// Lay this over the frames of the flight: residency, level, missing, pages, texels
-    #[arg(long, value_name = "WHAT", requires = "flight", value_parser = parse_overlay)]
+    #[arg(long, value_name = "WHAT", value_parser = parse_overlay)]
     overlay: Option<Overlay>,
+}
+
+impl Args {
+    /// Refuses what says something of a flight where there is none. The parser can't: it asks for nothing that a camera excludes.
+    pub fn none(&self) -> Result<(), Failure> {
+        match self.once || self.frames.is_some() || self.overlay.is_some() {
+            true => Err(Failure::new(USAGE, "--once, --frames and --overlay are for flights; give one with --flight")),
+            false => Ok(()),
+        }
+    }
 }
 
 #[cfg(feature = "gpu")]
@@ -79,7 +89,13 @@ struct Took {
 enum Artist<'a> {
     #[cfg(feature = "gpu")]
     Device(Box<umbrage::view::Stage>, umbrage::view::Style, umbrage::view::Patience),
-    Cpu { geometry: Box<Scene<'a>>, mesh: &'a SnappedMesh, map: Box<Map>, look: Look, container: &'a Container },
+    Cpu {
+        geometry: Box<Scene<'a>>,
+        mesh: &'a SnappedMesh,
+        map: Box<Map>,
+        look: Look,
+        container: &'a Container,
+    },
 }
 
 impl<'a> Artist<'a> {
@@ -174,9 +190,7 @@ impl From<umbrage::view::ViewError> for Failure {
         use umbrage::runtime::RuntimeError;
         match e {
             umbrage::view::ViewError::Runtime(RuntimeError::Reader(e)) => e.into(),
-            umbrage::view::ViewError::Runtime(e @ RuntimeError::UnsupportedKind(_)) => {
-                Failure::new(super::REFUSED, e)
-            }
+            umbrage::view::ViewError::Runtime(e @ RuntimeError::UnsupportedKind(_)) => Failure::new(super::REFUSED, e),
             e @ umbrage::view::ViewError::Size { .. } => Failure::new(USAGE, e),
             e => Failure::new(TARGET, e),
         }

@@ -37,6 +37,7 @@ pub struct Args {
 pub fn run(args: Args) -> Result<(), Failure> {
     listen();
     let Some(camera) = args.look.camera()? else { return flight::run(&args) };
+    args.flight.none()?;
     let start = Instant::now();
     let container = open(&args.file)?;
     let (structure, snapped) = args.look.scene(&container, &args.scene)?;

@@ -42,12 +42,12 @@ pub use image::{ImageError, RgbImage, write_png, write_text};
 pub use look::{Filter, Look, parse_look};
 pub use receiver::{Placement, Receiver};
 pub use scene::{Hit, Scene, Surface, View};
-pub use shade::{Shading, coverage, difference, shade};
 #[cfg(feature = "gpu")]
 pub(crate) use shade::constants as shade_constants;
+pub use shade::{Shading, coverage, difference, shade};
+pub use shadow::ShadowRays;
 #[cfg(feature = "gpu")]
 pub(crate) use {
     camera::{cross, dot, normalised},
     filter::STEEPEST,
 };
-pub use shadow::ShadowRays;

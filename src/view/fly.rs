@@ -97,8 +97,7 @@ impl Fly {
         let up = self.axis.vector();
         let side = normalised(cross(way, up)).unwrap_or([0.0; 3]);
         let both = |plus: bool, minus: bool| f64::from(u8::from(plus)) - f64::from(u8::from(minus));
-        let (f, s, u) =
-            (both(keys.forward, keys.back), both(keys.right, keys.left), both(keys.up, keys.down));
+        let (f, s, u) = (both(keys.forward, keys.back), both(keys.right, keys.left), both(keys.up, keys.down));
         let sum = std::array::from_fn(|k| f * way[k] + s * side[k] + u * up[k]);
         let Some(unit) = normalised(sum) else { return };
         let far = self.speed * if keys.hurry { HURRY } else { 1.0 } * seconds.clamp(0.0, 0.1);

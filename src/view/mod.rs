@@ -195,7 +195,13 @@ impl Stage {
 
     /// One frame into `target`, a view of the format and size that the stage has: begins, records and ends the streamer's frame.
     /// The encoder must be submitted. Where the map can't say all yet ancestors answer; nothing waits.
-    pub fn draw(&mut self, encoder: &mut wgpu::CommandEncoder, target: &wgpu::TextureView, camera: &Camera, style: &Style) {
+    pub fn draw(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        target: &wgpu::TextureView,
+        camera: &Camera,
+        style: &Style,
+    ) {
         let size = self.targets.size;
         let half = camera.half(size[0], size[1]);
         self.shadows.begin(&[Viewpoint { eye: camera.eye(), axes: camera.axes(), half, pixels: size }]);

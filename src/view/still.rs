@@ -22,7 +22,7 @@ pub enum Patience {
 }
 
 /// A picture, and what it took.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Still {
     /// The picture.
     pub image: RgbImage,

@@ -169,7 +169,9 @@ fn far_and_near_eyes_see_no_acne() {
     let mut stage = city.stage(64 << 20);
     let geometry = Scene::new(&city.mesh);
     let there = |p: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| p[k] + off[k]) };
-    for (eye, target) in [([60.0, 40.0, 60.0], [0.0; 3]), ([900.0, 900.0, 900.0], [0.0; 3]), ([3.0, 60.0, 2.0], [3.2, 0.0, 2.1])] {
+    for (eye, target) in
+        [([60.0, 40.0, 60.0], [0.0; 3]), ([900.0, 900.0, 900.0], [0.0; 3]), ([3.0, 60.0, 2.0], [3.2, 0.0, 2.1])]
+    {
         let camera = camera(there(eye), there(target));
         let view = geometry.view(&camera, SIZE[0], SIZE[1], &|| true).unwrap();
         let lit = coverage(&ShadowRays::new(&geometry).view(&view, &|| true).unwrap());
@@ -188,9 +190,14 @@ fn a_frame_that_does_not_wait_is_answered_by_ancestors_and_gets_exact() {
     let [camera, ..] = cameras();
     let once = |stage: &mut Stage| stage.still(&camera, &style(Look::Texel), Patience::None, &|| true).unwrap();
     let first = once(&mut stage);
-    assert!(first.drawn == 1 && first.by_ancestors > 10_000 && first.worst_levels > 2, "{first:?}");
+    let took = (first.drawn, first.by_ancestors, first.worst_levels);
+    assert!(took.0 == 1 && took.1 > 5000 && took.2 > 2, "{took:?}");
     let exact = stage.still(&camera, &style(Look::Texel), Patience::Exact, &|| true).unwrap();
-    assert!(exact.by_ancestors == 0 && exact.drawn > 1 && apart(&first.image, &exact.image, 8) > 100);
+    assert!(
+        exact.by_ancestors == 0 && exact.drawn > 1 && apart(&first.image, &exact.image, 8) > 100,
+        "{}",
+        exact.drawn
+    );
     let again = once(&mut stage);
     assert!(again.by_ancestors == 0 && again.image == exact.image);
     // Where nobody wants to wait, the drawing at hand is the picture.
@@ -208,7 +215,8 @@ fn the_pool_keeps_its_budget_while_a_camera_flies() {
     let (mut evicted, mut worst) = (0, 0);
     for i in 0..40 {
         let a = f64::from(i) * 0.15;
-        let camera = camera([90.0 * a.cos(), 12.0, 90.0 * a.sin()], [60.0 * (a + 0.5).cos(), 0.0, 60.0 * (a + 0.5).sin()]);
+        let camera =
+            camera([90.0 * a.cos(), 12.0, 90.0 * a.sin()], [60.0 * (a + 0.5).cos(), 0.0, 60.0 * (a + 0.5).sin()]);
         stage.still(&camera, &style(Look::Texel), Patience::None, &|| true).unwrap();
         while stage.shadows().streamer().is_loading() {
             stage.shadows_mut().streamer_mut().wait(Duration::from_millis(20));
@@ -228,15 +236,16 @@ fn overlays_show_what_they_say() {
     let mut stage = city.stage(64 << 20);
     let [camera, ..] = cameras();
     let look = Look::Filtered(Filter::Hierarchical(3));
-    let mut draw = |overlay, patience| {
-        stage.still(&camera, &Style { look, overlay }, patience, &|| true).unwrap().image
-    };
-    let greener = |image: &RgbImage| image.pixels.iter().filter(|p| p[1] > p[0].saturating_add(20) && p[1] > p[2]).count();
-    let redder = |image: &RgbImage| image.pixels.iter().filter(|p| p[0] > 150 && p[2] < 110).count();
+    let mut draw =
+        |overlay, patience| stage.still(&camera, &Style { look, overlay }, patience, &|| true).unwrap().image;
+    // Palette and light leave no other pixel so red.
+    let red = |image: &RgbImage| image.pixels.iter().filter(|p| p[0] > 170 && p[1] < 130 && p[2] < 130).count();
     let coarse = draw(Some(Overlay::Residency), Patience::None);
     let exact = draw(Some(Overlay::Residency), Patience::Exact);
-    assert!(redder(&coarse) > 5000 && redder(&exact) < 500, "{} {}", redder(&coarse), redder(&exact));
-    assert!(greener(&exact) > 5000 && greener(&coarse) < 500, "{} {}", greener(&exact), greener(&coarse));
+    assert!(red(&coarse) > 2000 && red(&exact) == 0, "{} {}", red(&coarse), red(&exact));
+    let black = |image: &RgbImage| image.pixels.iter().filter(|p| p.iter().all(|v| *v < 140)).count();
+    let missing = draw(Some(Overlay::Missing), Patience::Exact);
+    assert!(black(&missing) * 2 > missing.pixels.len(), "{}", black(&missing));
     let plain = draw(None, Patience::Exact);
     let all: Vec<RgbImage> = Overlay::ALL.map(|o| draw(Some(o), Patience::Exact)).into();
     for (i, image) in all.iter().enumerate() {
@@ -356,7 +365,10 @@ fn an_interrupted_flight_keeps_its_frames_and_says_how_to_go_on() {
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     let line = error(&child.wait_with_output().unwrap(), 130, &args);
     let frames = fs::read_dir(place.file("out")).unwrap().count() - 1;
-    assert!(line.contains(&format!("{frames} frames are in out; --frames {frames}..4000 goes on from there")), "{line}");
+    assert!(
+        line.contains(&format!("{frames} frames are in out; --frames {frames}..4000 goes on from there")),
+        "{line}"
+    );
     let table = fs::read_to_string(place.file("out/frames.csv")).unwrap();
     assert_eq!(table.lines().count(), frames + 1, "a row for each");
 }
@@ -415,7 +427,9 @@ fn without_a_display_the_window_says_so() {
     let out = place.command(&args).env("DISPLAY", ":89").env_remove("WAYLAND_DISPLAY").output().unwrap();
     assert!(error(&out, 5, &args).contains("no window"));
     assert_eq!(place.entries(), before);
-    for (more, says) in [(&["--speed", "0"][..], "above 0"), (&["-o", "nowhere"], "nowhere"), (&["--overlay", "x"], "residency")] {
+    for (more, says) in
+        [(&["--speed", "0"][..], "above 0"), (&["-o", "nowhere"], "nowhere"), (&["--overlay", "x"], "residency")]
+    {
         assert!(place.refused(2, &[&args[..], more].concat()).contains(says), "{more:?}");
     }
 }

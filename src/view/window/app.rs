@@ -291,9 +291,8 @@ impl Open {
             }
             _ => return Ok(()),
         };
-        let view = shown
-            .texture
-            .create_view(&wgpu::TextureViewDescriptor { format: Some(self.format), ..Default::default() });
+        let view =
+            shown.texture.create_view(&wgpu::TextureViewDescriptor { format: Some(self.format), ..Default::default() });
         let style = self.controls.style();
         let mut encoder = self.device.create_command_encoder(&Default::default());
         self.stage.draw(&mut encoder, &view, &camera, &style);

@@ -124,9 +124,13 @@ impl Controls {
             return;
         }
         let window = egui::Window::new("Umbrage").default_pos([8.0, 8.0]).default_width(280.0).resizable(false);
-        window.show(ui.ctx(), |ui| {
+        // A small window scrolls what it has no room for.
+        let room = ui.ctx().content_rect().height() - 60.0;
+        window.vscroll(true).max_height(room.max(60.0)).show(ui.ctx(), |ui| {
+            // Names are never broken.
+            ui.style_mut().wrap_mode = Some(egui::TextWrapMode::Extend);
             ui.label(RichText::new(facts.title).strong());
-            ui.label(RichText::new(facts.device).small().weak());
+            ui.add(egui::Label::new(RichText::new(facts.device).small().weak()).truncate());
             times(ui, facts);
             ui.separator();
             self.lookup(ui, facts);
@@ -137,7 +141,7 @@ impl Controls {
             ui.separator();
             self.buttons(ui, facts);
             if !facts.message.is_empty() {
-                ui.label(RichText::new(facts.message).color(Color32::from_rgb(255, 190, 90)));
+                ui.add(egui::Label::new(RichText::new(facts.message).color(Color32::from_rgb(255, 190, 90))).wrap());
             }
             let keys = "W A S D, Q E: fly   Shift: faster   drag: look   wheel: speed\n\
                         F: filter   1-5: overlay   P: picture   R: record   Space: flight\n\
@@ -162,7 +166,7 @@ impl Controls {
             }
         });
         if let Some(overlay) = self.overlay {
-            ui.label(RichText::new(legend(overlay)).small().weak());
+            ui.add(egui::Label::new(RichText::new(legend(overlay)).small().weak()).wrap());
         }
         ui.add(Slider::new(&mut self.speed, 0.01..=10_000.0).logarithmic(true).text("units a second"));
     }
@@ -222,10 +226,7 @@ fn times(ui: &mut Ui, facts: &Facts<'_>) {
     sorted.sort_by(f32::total_cmp);
     let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     let worst = sorted.last().copied().unwrap_or(0.0);
-    ui.label(format!(
-        "{median:.1} ms a frame (worst {worst:.1}), {:.1} ms of the CPU",
-        last.map_or(0.0, |t| t[1])
-    ));
+    ui.label(format!("{median:.1} ms a frame (worst {worst:.1}), {:.1} ms of the CPU", last.map_or(0.0, |t| t[1])));
     let (response, painter) = ui.allocate_painter(Vec2::new(ui.available_width().min(264.0), 36.0), Sense::hover());
     let rect = response.rect;
     painter.rect_filled(rect, 2.0, Color32::from_black_alpha(90));
