@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
-use umbrage::render::{Camera, Filter, Look};
+use umbrage::render::{Camera, Filter, Look, UpAxis};
 use umbrage::view::Style;
 use umbrage::view::window::{self, Options};
 use umbrage::writer::scene;
@@ -49,26 +49,18 @@ fn parse_positive(s: &str) -> Result<f64, String> {
 /// Where the camera begins if nobody says: at the view that a generated scene comes with, else above a corner of all.
 fn usual(scene: &str, mesh: &SnappedMesh, look: &look::Args) -> Result<(Camera, f64), Failure> {
     let bad = |e: &dyn std::fmt::Display| Failure::new(INPUT, e);
+    let [low, high] = umbrage::view::bounds(mesh);
     if let Some(view) = scene::demo_view(scene) {
         let view = view.map_err(|e| bad(&e))?;
-        let camera = Camera::new(view.eye, view.target, look.up(), view.fov_degrees).map_err(|e| bad(&e))?;
-        return Ok((camera, view.fov_degrees));
-    }
-    let m = mesh.lattice.world_to_lattice;
-    let inverse = umbrage::view::lattice_steps(&mesh.lattice);
-    let world = |p: &[i64; 3]| -> [f64; 3] {
-        let off = [0, 1, 2].map(|k| p[k] as f64 - m[k][3]);
-        std::array::from_fn(|k| (0..3).map(|i| inverse[i][k] * off[i]).sum())
-    };
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for p in mesh.positions.iter().map(world) {
-        low = std::array::from_fn(|k| low[k].min(p[k]));
-        high = std::array::from_fn(|k| high[k].max(p[k]));
+        // That of a city is for a whole one: a small one ends before.
+        if (0..3).all(|k| (low[k]..=high[k]).contains(&view.target[k])) {
+            let camera = Camera::new(view.eye, view.target, look.up(), view.fov_degrees).map_err(|e| bad(&e))?;
+            return Ok((camera, view.fov_degrees));
+        }
     }
     let middle: [f64; 3] = std::array::from_fn(|k| (low[k] + high[k]) / 2.0);
     let size = (0..3).map(|k| (high[k] - low[k]).powi(2)).sum::<f64>().sqrt();
-    let up = look.up().vector();
-    let way = if up[1] > 0.0 { [0.5, 0.45, 0.6] } else { [0.5, -0.6, 0.45] };
+    let way = if look.up() == UpAxis::Y { [0.5, 0.45, 0.6] } else { [0.5, -0.6, 0.45] };
     let eye = std::array::from_fn(|k| middle[k] + way[k] * size);
     Ok((Camera::new(eye, middle, look.up(), look.fov).map_err(|e| bad(&e))?, look.fov))
 }

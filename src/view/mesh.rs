@@ -2,6 +2,8 @@
 
 use umbrage_writer::solid::SnappedMesh;
 
+use super::uniform::lattice_steps;
+
 /// Positions, three words each, then for each triangle the numbers of three positions and of its solid.
 pub(super) struct MeshWords {
     pub words: Vec<u32>,
@@ -14,6 +16,19 @@ pub(super) struct MeshWords {
 /// Bytes of the words of a mesh.
 pub(super) fn bytes(mesh: &SnappedMesh) -> u64 {
     4 * (3 * mesh.positions.len() as u64 + 4 * mesh.triangles.len() as u64)
+}
+
+/// The smallest and the largest coordinates of a mesh in the world; of one without positions infinite ones, the largest first.
+pub fn bounds(mesh: &SnappedMesh) -> [[f64; 3]; 2] {
+    let (rows, steps) = (mesh.lattice.world_to_lattice, lattice_steps(&mesh.lattice));
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for p in &mesh.positions {
+        let off = [0, 1, 2].map(|i| p[i] as f64 - rows[i][3]);
+        let world: [f64; 3] = std::array::from_fn(|k| (0..3).map(|i| steps[i][k] * off[i]).sum());
+        low = std::array::from_fn(|k| low[k].min(world[k]));
+        high = std::array::from_fn(|k| high[k].max(world[k]));
+    }
+    [low, high]
 }
 
 impl MeshWords {

@@ -31,8 +31,8 @@ use umbrage_runtime::{GpuStreamer, RuntimeError};
 use umbrage_writer::solid::SnappedMesh;
 
 pub use fly::{Fly, Keys};
+pub use mesh::bounds;
 pub use still::{Patience, Still};
-pub use uniform::lattice_steps;
 
 use crate::render::{Camera, Look};
 use mesh::MeshWords;
@@ -126,13 +126,15 @@ pub struct Stage {
     passes: Passes,
     targets: Targets,
     frame: Frame,
+    format: wgpu::TextureFormat,
     triangles: u32,
     /// Number of the structure in the streamer.
     number: u32,
 }
 
 impl Stage {
-    /// Puts a mesh and the structure that was baked from it on a device; pictures are of `format`, `size` pixels. The streamer
+    /// Puts a mesh and the structure that was baked from it on a device; pictures are of `format`, which is `Rgba8Unorm` or
+    /// `Bgra8Unorm` (the shader encodes sRGB itself), and `size` pixels. The streamer
     /// holds at most `budget` bytes; the mesh and the targets come on top. Waits for the roots.
     ///
     /// # Errors
@@ -159,7 +161,7 @@ impl Stage {
         let targets = Targets::new(device, &passes, size)?;
         let frame = Frame::new(structure.lattice(), words.triangles_at);
         let (device, queue) = (device.clone(), queue.clone());
-        Ok(Self { device, queue, shadows, passes, targets, frame, triangles: words.triangles, number })
+        Ok(Self { device, queue, shadows, passes, targets, frame, format, triangles: words.triangles, number })
     }
 
     /// Other pictures from now on.

@@ -7,7 +7,7 @@ use umbrage_runtime::{Headless, RuntimeError};
 use super::{Stage, Style, ViewError};
 use crate::render::{Camera, RgbImage};
 
-/// Format of pictures in memory.
+/// Format of a stage for pictures in memory.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 /// Drawings in a row to which no page came, after which nothing more is waited for; longer than a page is parked.
 const STUCK: u32 = 12;
@@ -51,7 +51,7 @@ impl Stage {
         Self::new(&device.device, &device.queue, structure, mesh, budget, FORMAT, size)
     }
 
-    /// Draws a frame of a stage for pictures in memory and waits for the device; with [`Patience::Exact`] also for pages, and
+    /// Draws a frame and waits for the device; with [`Patience::Exact`] also for pages, and
     /// again until all is exact. `go_on` is asked between drawings: where it says no, the picture is that of the last one.
     ///
     /// # Errors
@@ -70,7 +70,7 @@ impl Stage {
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
-            format: FORMAT,
+            format: self.format,
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[],
         });
@@ -138,6 +138,7 @@ impl Stage {
         receive.recv().map_err(|e| lost(e.to_string()))?.map_err(|e| lost(e.to_string()))?;
         let bytes = buffer.get_mapped_range(..).map_err(|e| lost(e.to_string()))?;
         let rows = bytes.chunks_exact(row as usize).map(|r| &r[..width as usize * 4]);
-        Ok(rows.flat_map(|r| r.chunks_exact(4).map(|p| [p[0], p[1], p[2]])).collect())
+        let order = if texture.format() == wgpu::TextureFormat::Bgra8Unorm { [2, 1, 0] } else { [0, 1, 2] };
+        Ok(rows.flat_map(|r| r.chunks_exact(4).map(|p| order.map(|k| p[k]))).collect())
     }
 }

@@ -118,7 +118,7 @@ impl Frame {
 }
 
 /// A step of the lattice along each of its axes, in world units: columns of the inverse.
-pub fn lattice_steps(lattice: &Lattice) -> [[f64; 3]; 3] {
+pub(super) fn lattice_steps(lattice: &Lattice) -> [[f64; 3]; 3] {
     let [a, b, c] = lattice.world_to_lattice.map(|r| [r[0], r[1], r[2]]);
     let volume = dot(cross(a, b), c);
     [cross(b, c), cross(c, a), cross(a, b)].map(|v| v.map(|v| v / volume))

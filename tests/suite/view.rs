@@ -266,6 +266,23 @@ fn what_does_not_fit_the_device_is_refused() {
     assert!(made(SIZE, 1000).to_string().contains("budget"));
 }
 
+/// Windows have their channels in another order.
+#[test]
+fn a_picture_is_the_same_in_every_format() {
+    let place = Place::new("view-formats");
+    let city = City::baked(&place, Kind::Vector, 256);
+    let structure = city.container.structure(0).unwrap();
+    let Headless { device, queue, .. } = Headless::new().unwrap();
+    let [camera, ..] = cameras();
+    let pictures = [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Bgra8Unorm].map(|format| {
+        let mut stage = Stage::new(&device, &queue, &structure, &city.mesh, 16 << 20, format, [64, 64]).unwrap();
+        stage.resize(SIZE).unwrap();
+        stage.still(&camera, &style(Look::Texel), Patience::Exact, &|| true).unwrap().image
+    });
+    assert!(pictures[0] == pictures[1] && pictures[0].pixels.len() == (SIZE[0] * SIZE[1]) as usize);
+    assert!(apart(&pictures[0], &city.picture(&camera, Look::Texel), 3) < 300);
+}
+
 const FLIGHT: &str = r#"{"fov": 45, "frames_per_second": 10, "keys": [
     {"seconds": 0, "eye": [60, 40, 60], "target": [0, 0, 0]},
     {"seconds": 0.4, "eye": [40, 40, 60], "target": [0, 0, 0]}]}"#;
