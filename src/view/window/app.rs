@@ -23,7 +23,7 @@ use crate::view::{Fly, Keys, Patience, Stage, ViewError};
 
 /// Seconds between two keys of a recording.
 const RECORD_EVERY: f64 = 0.25;
-/// How often a window without a surface asks again.
+/// How often a window that nobody sees asks again.
 const LATER: Duration = Duration::from_millis(50);
 
 struct App<'a> {
@@ -54,6 +54,8 @@ struct Open {
     fly: Fly,
     keys: Keys,
     dragged: bool,
+    /// Whether the last frame had nothing to be drawn on.
+    hidden: bool,
     pointer: Option<PhysicalPosition<f64>>,
     start: Instant,
     last: Instant,
@@ -148,6 +150,7 @@ impl Open {
             fly: Fly::new(&app.options.start, app.options.fov, speed),
             keys: Keys::default(),
             dragged: false,
+            hidden: false,
             pointer: None,
             start: now,
             last: now,
@@ -278,18 +281,19 @@ impl Open {
             return Err(RuntimeError::Device { reason: format!("{} was lost", self.name) }.into());
         }
         let shown = match self.surface.get_current_texture() {
-            wgpu::CurrentSurfaceTexture::Success(shown) => shown,
-            wgpu::CurrentSurfaceTexture::Suboptimal(shown) => {
-                drop(shown);
-                return self.resize(self.window.inner_size());
-            }
+            wgpu::CurrentSurfaceTexture::Success(shown) | wgpu::CurrentSurfaceTexture::Suboptimal(shown) => shown,
             wgpu::CurrentSurfaceTexture::Outdated | wgpu::CurrentSurfaceTexture::Lost => {
+                self.hidden = true;
                 return self.resize(self.window.inner_size());
             }
             wgpu::CurrentSurfaceTexture::Validation => {
                 return Err(ViewError::Window(format!("{} gives no picture for this window", self.name)));
             }
-            _ => return Ok(()),
+            // Nobody sees it.
+            wgpu::CurrentSurfaceTexture::Timeout | wgpu::CurrentSurfaceTexture::Occluded => {
+                self.hidden = true;
+                return Ok(());
+            }
         };
         let view =
             shown.texture.create_view(&wgpu::TextureViewDescriptor { format: Some(self.format), ..Default::default() });
@@ -517,9 +521,13 @@ impl ApplicationHandler for App<'_> {
     }
 
     fn about_to_wait(&mut self, events: &ActiveEventLoop) {
-        // A window that is hidden is asked to draw by nobody: it notices all the same that it is to end.
-        events.set_control_flow(ControlFlow::WaitUntil(Instant::now() + LATER));
-        if let Some(open) = &self.open {
+        let Some(open) = &mut self.open else { return };
+        if std::mem::take(&mut open.hidden) {
+            // It notices all the same that it is to end.
+            events.set_control_flow(ControlFlow::WaitUntil(Instant::now() + LATER));
+        } else {
+            // What is shown paces it.
+            events.set_control_flow(ControlFlow::Wait);
             open.window.request_redraw();
         }
     }
