@@ -1,8 +1,8 @@
 //! `umbrage render --flight`: the frames of a recorded flight as pictures, with what each took in a table beside them.
 
-use std::fmt::Write as _;
+use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
@@ -133,8 +133,9 @@ impl<'a> Artist<'a> {
             return Err(Failure::new(TARGET, why.unwrap_or_default()));
         }
         if args.flight.overlay.is_some() {
+            let code = if why.is_some() { TARGET } else { USAGE };
             let why = why.unwrap_or_else(|| "--backend cpu".into());
-            return Err(Failure::new(USAGE, format!("overlays are drawn on a device, and there is none ({why})")));
+            return Err(Failure::new(code, format!("overlays are drawn on a device, and there is none ({why})")));
         }
         let mut map = Map::new(structure.clone())?;
         map.skip(args.look.skips());
@@ -191,6 +192,7 @@ impl From<umbrage::view::ViewError> for Failure {
         match e {
             umbrage::view::ViewError::Runtime(RuntimeError::Reader(e)) => e.into(),
             umbrage::view::ViewError::Runtime(e @ RuntimeError::UnsupportedKind(_)) => Failure::new(super::REFUSED, e),
+            umbrage::view::ViewError::Camera(e) => Failure::new(USAGE, e),
             e @ umbrage::view::ViewError::Size { .. } => Failure::new(USAGE, e),
             e => Failure::new(TARGET, e),
         }
@@ -209,10 +211,28 @@ fn range(asked: Option<[u32; 2]>, frames: u32) -> Result<Range<u32>, Failure> {
     }
 }
 
+/// Columns of the table.
+const COLUMNS: &str = "frame,seconds,drawn,by_ancestors,worst_levels,wanted,resident,resident_bytes,admitted,evicted,starved,pages_read,uploaded_bytes,ms";
+
+/// Writes the rows of frames; those of other frames that are there stay.
+fn write_table(path: &Path, mut rows: BTreeMap<u32, String>) -> Result<(), Failure> {
+    let before = std::fs::read_to_string(path).unwrap_or_default();
+    if let Some(kept) = before.strip_prefix(COLUMNS) {
+        for row in kept.lines() {
+            if let Some(frame) = row.split(',').next().and_then(|n| n.parse().ok()) {
+                rows.entry(frame).or_insert_with(|| row.to_string());
+            }
+        }
+    }
+    let rows: String = rows.into_values().map(|row| row + "\n").collect();
+    Ok(write_text(path, &format!("{COLUMNS}\n{rows}"))?)
+}
+
 /// Draws a flight.
 pub fn run(args: &render::Args) -> Result<(), Failure> {
     let start = Instant::now();
     let path = args.flight.flight.as_deref().ok_or_else(|| Failure::new(USAGE, "neither --camera nor --flight"))?;
+    args.look.flies()?;
     let flight = look::flight(path)?;
     let range = range(args.flight.frames, flight.frames())?;
     let container = open(&args.file)?;
@@ -223,9 +243,7 @@ pub fn run(args: &render::Args) -> Result<(), Failure> {
         Failure::new(TARGET, format!("{}: {e}; name a folder that can be written with -o", folder.display()))
     })?;
     let watched = Watched::start((range.end - range.start).into());
-    let mut table = String::from(
-        "frame,seconds,drawn,by_ancestors,worst_levels,wanted,resident,resident_bytes,admitted,evicted,starved,pages_read,uploaded_bytes,ms\n",
-    );
+    let mut rows = BTreeMap::new();
     let (mut all, mut times, mut inexact, mut most_bytes) = (Took::default(), Vec::new(), 0u32, 0);
     let mut done = range.start;
     let mut failed = None;
@@ -251,9 +269,7 @@ pub fn run(args: &render::Args) -> Result<(), Failure> {
             }
         };
         let ms = begun.elapsed().as_secs_f64() * 1e3;
-        // Writing to a string can't fail.
-        let _ = writeln!(
-            table,
+        let row = format!(
             "{frame},{:.4},{},{},{},{},{},{},{},{},{},{},{},{ms:.1}",
             f64::from(frame) / flight.frames_per_second(),
             took.drawn,
@@ -268,6 +284,7 @@ pub fn run(args: &render::Args) -> Result<(), Failure> {
             took.pages_read,
             took.uploaded_bytes,
         );
+        rows.insert(frame, row);
         all.drawn += took.drawn;
         all.pages_read += took.pages_read;
         all.uploaded_bytes += took.uploaded_bytes;
@@ -281,7 +298,7 @@ pub fn run(args: &render::Args) -> Result<(), Failure> {
     }
     drop(watched);
     // What is finished stays, and its table with it.
-    write_text(&folder.join("frames.csv"), &table)?;
+    let written = if rows.is_empty() { Ok(()) } else { write_table(&folder.join("frames.csv"), rows) };
     if let Some(mut failure) = failed {
         if failure.code == INTERRUPTED {
             failure.message = format!(
@@ -293,6 +310,7 @@ pub fn run(args: &render::Args) -> Result<(), Failure> {
         }
         return Err(failure);
     }
+    written?;
     times.sort_by(f64::total_cmp);
     let median = times[times.len() / 2];
     let read = container.counters().bytes;
@@ -308,7 +326,8 @@ pub fn run(args: &render::Args) -> Result<(), Failure> {
         return line(&report.to_string());
     }
     line(&format!(
-        "{frames} frames by {by}, {median:.0} ms each (median); {} of {} pages read ({} of the file)",
+        "{frames} frame{} by {by}, {median:.0} ms each (median); {} of {} pages read ({} of the file)",
+        if frames == 1 { "" } else { "s" },
         all.pages_read,
         structure.page_count(),
         output::bytes(read)
@@ -319,6 +338,9 @@ pub fn run(args: &render::Args) -> Result<(), Failure> {
             all.drawn, all.worst_levels
         ))?;
     }
-    line(&format!("  {} to the device, at most {} there", output::mib(all.uploaded_bytes), output::mib(most_bytes)))?;
+    if most_bytes > 0 {
+        let [sent, most] = [all.uploaded_bytes, most_bytes].map(output::mib);
+        line(&format!("  {sent} to the device, at most {most} there"))?;
+    }
     line(&folder.join(format!("{:05}.png", range.end - 1)).display().to_string())
 }

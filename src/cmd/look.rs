@@ -9,6 +9,9 @@ use umbrage::writer::solid::SnappedMesh;
 use super::shadows::default_budget;
 use super::{Failure, INPUT, USAGE, load_scene, parse_numbers, picture, structure, whole};
 
+/// Vertical field of view where nobody says one, degrees.
+pub const FOV: f64 = 45.0;
+
 /// Arguments of both.
 // every struct would be a group of this name
 #[derive(clap::Args)]
@@ -20,12 +23,12 @@ pub struct Args {
     /// Eye and target in world units
     #[arg(long, value_name = "EX,EY,EZ,TX,TY,TZ", allow_hyphen_values = true, value_parser = parse_numbers::<6>)]
     camera: Option<[f64; 6]>,
-    /// Which way is up
-    #[arg(long, default_value = "y", value_parser = ["y", "z"])]
-    up: String,
-    /// Vertical field of view, degrees
-    #[arg(long, default_value_t = 45.0, allow_negative_numbers = true, value_parser = parse_fov)]
-    pub fov: f64,
+    /// Which way is up [default: y; a flight says it itself]
+    #[arg(long, value_parser = ["y", "z"])]
+    up: Option<String>,
+    /// Vertical field of view, degrees [default: 45; a flight says it itself]
+    #[arg(long, allow_negative_numbers = true, value_parser = parse_fov)]
+    fov: Option<f64>,
     /// Pixels
     #[arg(long, default_value = "1280x720", value_name = "WxH", value_parser = parse_size, allow_hyphen_values = true)]
     pub size: [u32; 2],
@@ -61,13 +64,27 @@ fn parse_size(s: &str) -> Result<[u32; 2], String> {
 impl Args {
     /// The camera that was asked for, if one was.
     pub fn camera(&self) -> Result<Option<Camera>, Failure> {
-        let camera = |[ex, ey, ez, tx, ty, tz]: [f64; 6]| Camera::new([ex, ey, ez], [tx, ty, tz], self.up(), self.fov);
+        let fov = self.fov(FOV);
+        let camera = |[ex, ey, ez, tx, ty, tz]: [f64; 6]| Camera::new([ex, ey, ez], [tx, ty, tz], self.up(), fov);
         self.camera.map(camera).transpose().map_err(|e| Failure::new(USAGE, e))
     }
 
     /// Which way is up.
     pub fn up(&self) -> UpAxis {
-        if self.up == "y" { UpAxis::Y } else { UpAxis::Z }
+        if self.up.as_deref() == Some("z") { UpAxis::Z } else { UpAxis::Y }
+    }
+
+    /// Vertical field of view, degrees; `usual` where nothing was said.
+    pub fn fov(&self, usual: f64) -> f64 {
+        self.fov.unwrap_or(usual)
+    }
+
+    /// A flight has its own up and field of view: another one is refused.
+    pub fn flies(&self) -> Result<(), Failure> {
+        match self.up.is_some() || self.fov.is_some() {
+            true => Err(Failure::new(USAGE, "--up and --fov: a flight says both itself; leave them out")),
+            false => Ok(()),
+        }
     }
 
     /// How the map is looked up; `usual` where nothing was said.

@@ -54,15 +54,16 @@ fn usual(scene: &str, mesh: &SnappedMesh, look: &look::Args) -> Result<(Camera, 
         let view = view.map_err(|e| bad(&e))?;
         // That of a city is for a whole one: a small one ends before.
         if (0..3).all(|k| (low[k]..=high[k]).contains(&view.target[k])) {
-            let camera = Camera::new(view.eye, view.target, look.up(), view.fov_degrees).map_err(|e| bad(&e))?;
-            return Ok((camera, view.fov_degrees));
+            let fov = look.fov(view.fov_degrees);
+            return Ok((Camera::new(view.eye, view.target, look.up(), fov).map_err(|e| bad(&e))?, fov));
         }
     }
     let middle: [f64; 3] = std::array::from_fn(|k| (low[k] + high[k]) / 2.0);
     let size = (0..3).map(|k| (high[k] - low[k]).powi(2)).sum::<f64>().sqrt();
     let way = if look.up() == UpAxis::Y { [0.5, 0.45, 0.6] } else { [0.5, -0.6, 0.45] };
     let eye = std::array::from_fn(|k| middle[k] + way[k] * size);
-    Ok((Camera::new(eye, middle, look.up(), look.fov).map_err(|e| bad(&e))?, look.fov))
+    let fov = look.fov(look::FOV);
+    Ok((Camera::new(eye, middle, look.up(), fov).map_err(|e| bad(&e))?, fov))
 }
 
 /// Runs the command.
@@ -70,6 +71,9 @@ pub fn run(args: Args) -> Result<(), Failure> {
     listen();
     let asked = args.look.camera()?;
     let flight = args.flight.as_deref().map(look::flight).transpose()?;
+    if flight.is_some() {
+        args.look.flies()?;
+    }
     if !args.output.is_dir() {
         let message = format!("{}: no such folder; name one for pictures with -o", args.output.display());
         return Err(Failure::new(USAGE, message));
@@ -77,8 +81,8 @@ pub fn run(args: Args) -> Result<(), Failure> {
     let container = open(&args.file)?;
     let (structure, mesh) = args.look.scene(&container, &args.scene)?;
     let (start, fov) = match (asked, &flight) {
-        (Some(camera), _) => (camera, args.look.fov),
-        (None, Some(flight)) => (flight.camera(0).map_err(|e| Failure::new(INPUT, e))?, args.look.fov),
+        (Some(camera), _) => (camera, args.look.fov(look::FOV)),
+        (None, Some(flight)) => (flight.camera(0).map_err(|e| Failure::new(INPUT, e))?, flight.fov()),
         (None, None) => usual(&args.scene, &mesh, &args.look)?,
     };
     let name = Path::new(&args.scene).file_name().map_or(args.scene.clone(), |n| n.to_string_lossy().into_owned());

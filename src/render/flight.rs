@@ -131,6 +131,11 @@ impl Flight {
         (last * self.rate).floor() as u32 + 1
     }
 
+    /// Vertical field of view, degrees.
+    pub fn fov(&self) -> f64 {
+        self.fov
+    }
+
     /// Frames a second.
     pub fn frames_per_second(&self) -> f64 {
         self.rate
@@ -147,7 +152,7 @@ impl Flight {
 
     fn places(&self, seconds: f64) -> [[f64; 3]; 2] {
         let last = self.keys.len() - 1;
-        let next = self.keys.iter().position(|k| k.seconds > seconds).unwrap_or(last).max(1).min(last);
+        let next = self.keys.partition_point(|k| k.seconds <= seconds).max(1).min(last);
         let at = |i: usize| self.keys[i.min(last)];
         if last == 0 || seconds >= self.keys[last].seconds {
             return self.keys[last].places;

@@ -7,7 +7,7 @@
 //!
 //! The mesh lies on the device as integers of the light's lattice, so that receivers are as exact as f32 lets a ray be. Depth is
 //! taken back by what rounding may be off, so that no surface throws a shadow on itself: about 2^-21 of the distance to the eye
-//! and to the triangle's nearest corner. Surfaces that face away from the light ask for nothing.
+//! and to the triangle's nearest corner, more on thin triangles. Surfaces that face away from the light ask for nothing.
 //!
 //! | Room | What is in it |
 //! |---|---|
@@ -113,6 +113,20 @@ pub enum ViewError {
         /// Pixels on a side of its largest texture.
         most: u32,
     },
+    /// A lattice whose steps don't fit the device's integers; none that this project bakes.
+    #[error(
+        "the map has 2^{log2} texels a side of 2^{bits} lattice steps; a device takes at least 2^8 steps a texel and at most \
+         2^32 in all; draw on the CPU (`umbrage render --backend cpu`)"
+    )]
+    Lattice {
+        /// Binary logarithm of the texels on a side.
+        log2: u8,
+        /// Binary logarithm of the steps in a texel.
+        bits: u8,
+    },
+    /// The camera is where none can be.
+    #[error(transparent)]
+    Camera(#[from] crate::render::CameraError),
     /// The display has no place for a window, or lost it.
     #[error("no window: {0}; draw without one by `umbrage render SCENE FILE --flight FLIGHT.json -o FOLDER`")]
     Window(String),
@@ -148,6 +162,11 @@ impl Stage {
         format: wgpu::TextureFormat,
         size: [u32; 2],
     ) -> Result<Self, ViewError> {
+        let lattice = structure.lattice();
+        let (log2, bits) = (lattice.log2_resolution, lattice.subtexel_bits);
+        if bits < 8 || log2 + bits > 32 {
+            return Err(ViewError::Lattice { log2, bits });
+        }
         let limits = device.limits();
         let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         let needed = mesh::bytes(mesh);
@@ -157,9 +176,9 @@ impl Stage {
         let shadows = GpuStreamer::new(device, queue, structure, budget)?;
         let number = shadows.streamer().structures().next().map_or(0, |id| id.index());
         let words = MeshWords::new(mesh);
-        let passes = Passes::new(device, &shadows, &words.words, format);
+        let passes = Passes::new(device, &shadows, &words.words, format)?;
         let targets = Targets::new(device, &passes, size)?;
-        let frame = Frame::new(structure.lattice(), words.triangles_at);
+        let frame = Frame::new(lattice, words.triangles_at);
         let (device, queue) = (device.clone(), queue.clone());
         Ok(Self { device, queue, shadows, passes, targets, frame, format, triangles: words.triangles, number })
     }

@@ -1,6 +1,6 @@
 //! Pipelines and targets of the two passes.
 
-use umbrage_runtime::GpuStreamer;
+use umbrage_runtime::{GpuStreamer, RuntimeError};
 
 use super::uniform::{LOOKS, Uniform, overlay_code};
 use super::{Overlay, ViewError};
@@ -41,28 +41,32 @@ fn source(shadows: &GpuStreamer) -> String {
 }
 
 impl Passes {
-    pub fn new(device: &wgpu::Device, shadows: &GpuStreamer, mesh: &[u32], format: wgpu::TextureFormat) -> Self {
+    pub fn new(
+        device: &wgpu::Device,
+        shadows: &GpuStreamer,
+        mesh: &[u32],
+        format: wgpu::TextureFormat,
+    ) -> Result<Self, ViewError> {
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("umbrage picture"),
             source: wgpu::ShaderSource::Wgsl(source(shadows).into()),
         });
-        let buffer = |label, contents: &[u8], size, usage| {
-            let mapped_at_creation = !contents.is_empty();
-            let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation };
-            let buffer = device.create_buffer(&descriptor);
-            if mapped_at_creation {
-                if let Ok(mut view) = buffer.get_mapped_range_mut(..) {
-                    view.slice(..contents.len()).copy_from_slice(contents);
-                }
-                buffer.unmap();
-            }
-            buffer
-        };
         let words: &[u8] = bytemuck::cast_slice(mesh);
-        let mesh = buffer("umbrage mesh", words, words.len().max(16) as u64, wgpu::BufferUsages::STORAGE);
-        let size = size_of::<Uniform>() as u64;
-        let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
-        let uniform = buffer("umbrage picture", &[], size, usage);
+        let (size, usage) = (words.len().max(16) as u64, wgpu::BufferUsages::STORAGE);
+        let descriptor = wgpu::BufferDescriptor { label: Some("umbrage mesh"), size, usage, mapped_at_creation: true };
+        let mesh = device.create_buffer(&descriptor);
+        {
+            let view = mesh.get_mapped_range_mut(..);
+            let mut view = view.map_err(|e| RuntimeError::Device { reason: format!("the mesh: {e}") })?;
+            view.slice(..words.len()).copy_from_slice(words);
+        }
+        mesh.unmap();
+        let uniform = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("umbrage picture"),
+            size: size_of::<Uniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
 
         let entry = |binding, visibility, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
         let bound = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
@@ -128,7 +132,7 @@ impl Passes {
                 wgpu::BindGroupEntry { binding: 1, resource: mesh.as_entire_binding() },
             ],
         });
-        Self { uniform, mesh, layout, first, first_group, second }
+        Ok(Self { uniform, mesh, layout, first, first_group, second })
     }
 
     /// Which triangle each pixel sees.

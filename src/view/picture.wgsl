@@ -91,12 +91,21 @@ fn size_in_world(p: vec3<f32>) -> f32 {
     return length(p * vec3<f32>(picture.world[0].w, picture.world[1].w, picture.world[2].w));
 }
 
+// The magnitudes that cancel in the components of a cross product.
+fn cancelled(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
+    return abs(a.yzx * b.zxy) + abs(a.zxy * b.yzx);
+}
+
+// What rounds less than 4 times is off by at most this part.
+const ROUNDED: f32 = 2.3841858e-7;
+
 fn point(triangle: u32, way: vec3<f32>) -> Point {
     let first = picture.triangles + 4u * triangle;
     let a = position(mesh[first]);
     let b = position(mesh[first + 1u]);
     let c = position(mesh[first + 2u]);
-    let normal = cross(edge(b, a), edge(c, a));
+    let edges = array<vec3<f32>, 2>(edge(b, a), edge(c, a));
+    let normal = cross(edges[0], edges[1]);
     // From the nearest corner: the less is rounded.
     var near = from_eye(a);
     let others = array<vec3<f32>, 2>(from_eye(b), from_eye(c));
@@ -107,13 +116,21 @@ fn point(triangle: u32, way: vec3<f32>) -> Point {
     }
     let t = dot(normal, near) / dot(normal, way);
     // Seen edge-on: a corner is as good as any place.
-    let place = select(near, way * t, t > 0.0 && t < 1e30);
+    let met = select(near, way * t, t > 0.0 && t < 1e30);
+    let first_corner = from_eye(a);
+    let low = min(first_corner, min(others[0], others[1]));
+    let place = clamp(met, low, max(first_corner, max(others[0], others[1])));
     var slope = vec2<f32>(0.0);
+    var slope_off = vec2<f32>(0.0);
     if normal.z != 0.0 {
-        slope = clamp(-normal.xy / normal.z, vec2<f32>(-picture.light.w), vec2<f32>(picture.light.w));
+        let steepest = vec2<f32>(picture.light.w);
+        slope = clamp(-normal.xy / normal.z, -steepest, steepest);
+        // Thin triangles have normals of few digits.
+        let lost = cancelled(edges[0], edges[1]) * (ROUNDED / abs(normal.z));
+        slope_off = min(lost.xy + abs(slope) * lost.z, steepest);
     }
     let reach = abs(place) + abs(near);
-    let off = (dot(abs(slope), reach.xy) + reach.z) * 4.7683716e-7;
+    let off = (dot(abs(slope), reach.xy) + reach.z) * (2.0 * ROUNDED) + dot(slope_off, abs(place - near).xy);
     return Point(place, normal, slope, off);
 }
 
@@ -197,7 +214,7 @@ fn light_at(p: Point, s: Site, lod: u32) -> Light {
         light.state = umb_shadow(0u, s.x, s.y, 0u, s.depth);
         light.lit = f32(light.state & UMB_LIT) / f32(UMB_LIT);
     } else if mode == LOOK_PLACE {
-        light.state = umb_state(umb_continuous(0u, s.x, s.y, s.sub), s.depth);
+        light.state = umb_state(umb_continuous(0u, s.x, s.y, s.sub), s.depth) | umb_stale(s.x, s.y);
         light.lit = f32(light.state & UMB_LIT) / f32(UMB_LIT);
     } else {
         var at = lod;

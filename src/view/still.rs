@@ -36,6 +36,11 @@ pub struct Still {
     pub time: Duration,
 }
 
+/// Bytes of a row of pixels in a buffer.
+fn row_bytes(width: u32) -> u32 {
+    (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
+}
+
 impl Stage {
     /// A stage for pictures in memory.
     ///
@@ -64,6 +69,10 @@ impl Stage {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Still, ViewError> {
         let [width, height] = self.size();
+        let (needed, most) = (u64::from(row_bytes(width)) * u64::from(height), self.device.limits().max_buffer_size);
+        if needed > most {
+            return Err(RuntimeError::Binding { what: "the picture", needed, most }.into());
+        }
         let target = self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("umbrage still"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
@@ -88,7 +97,7 @@ impl Stage {
             if patience == Patience::None || self.shadows.report().approximate == 0 || !go_on() {
                 break;
             }
-            while self.shadows.streamer().is_loading() {
+            while self.shadows.streamer().is_loading() && go_on() {
                 self.shadows.streamer_mut().wait(Duration::from_millis(50));
             }
             let now = self.shadows.streamer().stats().admitted;
@@ -112,7 +121,7 @@ impl Stage {
     fn read(&self, texture: &wgpu::Texture) -> Result<Vec<[u8; 3]>, ViewError> {
         let lost = |reason: String| ViewError::from(RuntimeError::Device { reason });
         let (width, height) = (texture.width(), texture.height());
-        let row = (width * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let row = row_bytes(width);
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("umbrage still"),
             size: u64::from(row) * u64::from(height),

@@ -87,7 +87,10 @@ impl Frame {
         let across = right.map(|v| v * 2.0 * half[0] / w);
         let down = up.map(|v| -v * 2.0 * half[1] / h);
         let sky = [corner, across, down];
+        // Of any length, all of one: lattice steps are powers of many ten.
         let ray = sky.map(|way| m.map(|r| dot(r, way)));
+        let longest = ray.iter().flatten().fold(0.0f64, |most, v| most.max(v.abs()));
+        let ray = ray.map(|r| r.map(|v| v / longest));
         let lengths = steps.map(|s| dot(s, s).sqrt());
         let handed = if dot(cross(m[0], m[1]), m[2]) < 0.0 { -1.0 } else { 1.0 };
         let light = normalised(cross(m[0], m[1]).map(|v| v * handed)).unwrap_or([0.0; 3]);

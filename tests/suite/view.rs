@@ -2,6 +2,7 @@
 //! command line.
 
 use std::fs;
+use std::io::BufRead;
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -182,6 +183,43 @@ fn far_and_near_eyes_see_no_acne() {
     }
 }
 
+/// Bars of 60 m that are a few centimetres thick: the normals of their triangles have few digits in f32.
+#[test]
+fn thin_triangles_throw_no_shadow_on_themselves() {
+    let place = Place::new("view-thin");
+    let mut mesh = Mesh { positions: Vec::new(), triangles: Vec::new() };
+    let mut bar = |from: [f64; 3], size: [f64; 3], lean: f64| {
+        let first = mesh.positions.len() as u32;
+        for i in 0..8u32 {
+            let [x, y, z] = [0, 1, 2].map(|k| size[k] * f64::from(i >> k & 1));
+            mesh.positions.push([from[0] + x, from[1] + y + lean * x, from[2] + z + 0.3 * lean * x]);
+        }
+        #[rustfmt::skip]
+        let sides = [
+            [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+            [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+        ];
+        mesh.triangles.extend(sides.map(|t| t.map(|c| first + c)));
+    };
+    bar([-40.0, -1.0, -40.0], [80.0, 1.0, 80.0], 0.0);
+    for i in 0..12 {
+        let thin = 0.03 * f64::from(1 + i % 4);
+        bar([-30.0, 1.0 + f64::from(i % 3), f64::from(i) * 0.8], [60.0, thin, 2.0 * thin], 0.03 * f64::from(i % 5));
+    }
+    let city = City::of(&place, &mesh, Kind::Vector, 1 << 15);
+    let mut stage = city.stage(64 << 20);
+    let geometry = Scene::new(&city.mesh);
+    for (eye, target) in [([5.0, 6.0, 14.0], [0.0, 1.0, 5.0]), ([31.0, 4.0, 4.0], [-30.0, 2.0, 4.5])] {
+        let camera = camera(eye, target);
+        let view = geometry.view(&camera, SIZE[0], SIZE[1], &|| true).unwrap();
+        let lit = coverage(&ShadowRays::new(&geometry).view(&view, &|| true).unwrap());
+        let right = shade(&view, &lit, Shading { components: Some(&city.mesh.solid), haze: None });
+        let still = stage.still(&camera, &style(Look::Texel), Patience::Exact, &|| true).unwrap();
+        let (off, count) = (apart(&still.image, &right, 3), right.pixels.len());
+        assert!(off * 200 < count, "{eye:?}: {off} of {count} pixels");
+    }
+}
+
 #[test]
 fn a_frame_that_does_not_wait_is_answered_by_ancestors_and_gets_exact() {
     let place = Place::new("view-coarse");
@@ -193,11 +231,7 @@ fn a_frame_that_does_not_wait_is_answered_by_ancestors_and_gets_exact() {
     let took = (first.drawn, first.by_ancestors, first.worst_levels);
     assert!(took.0 == 1 && took.1 > 5000 && took.2 > 2, "{took:?}");
     let exact = stage.still(&camera, &style(Look::Texel), Patience::Exact, &|| true).unwrap();
-    assert!(
-        exact.by_ancestors == 0 && exact.drawn > 1 && apart(&first.image, &exact.image, 8) > 100,
-        "{}",
-        exact.drawn
-    );
+    assert!(exact.by_ancestors == 0 && apart(&first.image, &exact.image, 8) > 100, "{}", exact.drawn);
     let again = once(&mut stage);
     assert!(again.by_ancestors == 0 && again.image == exact.image);
     // Where nobody wants to wait, the drawing at hand is the picture.
@@ -331,6 +365,10 @@ fn a_flight_leaves_a_picture_of_each_frame_and_a_table() {
     flown(&place, &["--filter", "pcf:3", "--frames", "4..4"]);
     let device = image(&place, "out/00004.png");
     assert!(apart(&device, &cpu, 3) < 300 && apart(&device, &last, 3) > 100);
+    // Rows of frames that were not drawn again stay.
+    let table = fs::read_to_string(place.file("out/frames.csv")).unwrap();
+    let frames: Vec<&str> = table.lines().map(|l| l.split(',').next().unwrap()).collect();
+    assert_eq!(frames, ["frame", "0", "1", "2", "3", "4"]);
     // A game's frames, and an overlay.
     let once: Value = serde_json::from_str(&flown(&place, &["--once", "--json"])).unwrap();
     assert!(once["drawn"] == 5 && once["frames_with_ancestors"].as_u64() > Some(0), "{once}");
@@ -357,6 +395,8 @@ fn wrong_flights_are_refused() {
         (2, "flight.json", &["-o", "out", "--overlay", "heat"], "'heat'"),
         (2, "flight.json", &["-o", "out", "--overlay", "pages", "--backend", "cpu"], "overlays are drawn on a device"),
         (2, "flight.json", &["-o", "out", "--camera", "1,2,3,4,5,6"], "--camera"),
+        (2, "flight.json", &["-o", "out", "--up", "z"], "a flight says both itself"),
+        (2, "flight.json", &["-o", "out", "--fov", "20"], "a flight says both itself"),
     ] {
         let args = all(flight, more);
         let args: Vec<&str> = args.iter().map(String::as_str).collect();
@@ -395,27 +435,24 @@ struct Display(Child, String);
 
 impl Display {
     fn new() -> Self {
-        let number = 90 + std::process::id() % 400;
-        let name = format!(":{number}");
-        let child = Command::new("Xvfb")
-            .args([&name, "-screen", "0", "800x600x24", "-nolisten", "tcp"])
-            .stdout(Stdio::null())
+        // It takes a number that is free and says which, once it listens.
+        let mut child = Command::new("Xvfb")
+            .args(["-displayfd", "1", "-screen", "0", "800x600x24", "-nolisten", "tcp"])
+            .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
             .expect("Xvfb, from Debian's package xvfb");
-        let socket = format!("/tmp/.X11-unix/X{number}");
-        let start = Instant::now();
-        while !fs::exists(&socket).unwrap_or(false) {
-            assert!(start.elapsed() < Duration::from_secs(30), "the display did not start");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        Display(child, name)
+        let mut number = String::new();
+        std::io::BufReader::new(child.stdout.take().unwrap()).read_line(&mut number).unwrap();
+        assert!(number.trim().parse::<u32>().is_ok(), "the display did not start: {number}");
+        Display(child, format!(":{}", number.trim()))
     }
 }
 
 impl Drop for Display {
     fn drop(&mut self) {
-        let _ = self.0.kill();
+        // It takes its socket away.
+        let _ = Command::new("kill").arg(self.0.id().to_string()).status();
         let _ = self.0.wait();
     }
 }
@@ -424,13 +461,13 @@ impl Drop for Display {
 fn the_window_opens_flies_and_closes_by_itself() {
     let place = ready("window");
     let display = Display::new();
-    let args = ["view", CITY, "city.umb", "--size", "400x300", "--seconds", "4", "--flight", "flight.json", "--json"];
+    let args = ["view", CITY, "city.umb", "--size", "400x300", "--seconds", "12", "--flight", "flight.json", "--json"];
     let out = place.command(&args).env("DISPLAY", &display.1).env_remove("WAYLAND_DISPLAY").output().unwrap();
     let (stdout, stderr) = crate::cli::text(&out);
     assert_eq!(out.status.code(), Some(0), "{stderr}");
     let said: Value = serde_json::from_str(&stdout).unwrap();
     assert!(said["frames"].as_u64() > Some(2) && said["pages_read"].as_u64() > Some(3), "{said}");
-    assert!(said["resident"].as_u64() > Some(3) && said["seconds"].as_f64() > Some(4.0), "{said}");
+    assert!(said["resident"].as_u64() > Some(3) && said["seconds"].as_f64() > Some(12.0), "{said}");
 }
 
 #[test]
@@ -440,7 +477,7 @@ fn without_a_display_the_window_says_so() {
     let args = ["view", CITY, "city.umb"];
     let out = place.command(&args).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").output().unwrap();
     let line = error(&out, 5, &args);
-    assert!(line.contains("no window") && line.contains("--flight"), "{line}");
+    assert!(line.contains("no window: no display") && line.contains("--flight") && !line.contains(".rs"), "{line}");
     let out = place.command(&args).env("DISPLAY", ":89").env_remove("WAYLAND_DISPLAY").output().unwrap();
     assert!(error(&out, 5, &args).contains("no window"));
     assert_eq!(place.entries(), before);

@@ -11,6 +11,7 @@ use umbrage_runtime::{Headless, RuntimeError};
 use umbrage_writer::solid::SnappedMesh;
 use winit::application::ApplicationHandler;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
+use winit::error::EventLoopError;
 use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::keyboard::{KeyCode, PhysicalKey};
@@ -77,13 +78,21 @@ pub(super) fn run(
     options: &Options,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Summary, ViewError> {
-    let events = EventLoop::new().map_err(|e| ViewError::Window(e.to_string()))?;
+    let events = EventLoop::new().map_err(|e| ViewError::Window(unopened(&e)))?;
     let mut app = App { container, structure, mesh, options, go_on, open: None, failure: None, summary: None };
     events.run_app(&mut app).map_err(|e| ViewError::Window(e.to_string()))?;
     match (app.failure, app.summary) {
         (Some(failure), _) => Err(failure),
         (None, Some(summary)) => Ok(summary),
         (None, None) => Err(ViewError::Window("the display closed before it opened".into())),
+    }
+}
+
+/// Why there is no display; what the library says of it names files of its own.
+fn unopened(e: &EventLoopError) -> String {
+    match e {
+        EventLoopError::Os(_) => "no display; DISPLAY or WAYLAND_DISPLAY must name one that answers".into(),
+        e => e.to_string(),
     }
 }
 
@@ -119,8 +128,8 @@ impl Open {
                 format
             }
         };
-        surface.configure(&device, &config);
         let mut stage = Stage::new(&device, &queue, app.structure, app.mesh, *budget, format, size)?;
+        surface.configure(&device, &config);
         stage.shadows_mut().skip(app.options.skips);
         let context = egui::Context::default();
         let most = device.limits().max_texture_dimension_2d as usize;
@@ -169,9 +178,10 @@ impl Open {
         if size.width == 0 || size.height == 0 {
             return Ok(());
         }
+        self.stage.resize([size.width, size.height])?;
         (self.config.width, self.config.height) = (size.width, size.height);
         self.surface.configure(&self.device, &self.config);
-        self.stage.resize([size.width, size.height])
+        Ok(())
     }
 
     /// The camera of this frame: the flight's while it lasts, else where keys and mouse have brought it.
@@ -179,10 +189,10 @@ impl Open {
         let seconds = self.last.elapsed().as_secs_f64();
         self.last = Instant::now();
         self.interval = seconds as f32 * 1000.0;
-        let bad = |e: &dyn std::fmt::Display| ViewError::Window(e.to_string());
         if let (Some(flown), Some(flight)) = (self.flown, &options.flight) {
             let frame = (flown.elapsed().as_secs_f64() * flight.frames_per_second()) as u32;
-            let camera = flight.camera(frame.min(flight.frames() - 1)).map_err(|e| bad(&e))?;
+            let camera = flight.camera(frame.min(flight.frames() - 1));
+            let camera = camera.map_err(|e| ViewError::Window(e.to_string()))?;
             self.fly.place(&camera);
             if frame < flight.frames() {
                 return Ok(camera);
@@ -191,7 +201,7 @@ impl Open {
         }
         self.fly.speed = self.controls.speed;
         self.fly.go(self.keys, seconds);
-        self.fly.camera().map_err(|e| bad(&e))
+        Ok(self.fly.camera()?)
     }
 
     /// Adds a key to the recording where it is time.
@@ -226,7 +236,7 @@ impl Open {
                     self.written(path, done);
                 }
                 Action::Record => match self.recording.take() {
-                    Some((.., recording)) => self.save(options, &recording),
+                    Some(recording) => self.save(options, recording),
                     None => {
                         let recording = Recording::new(options.start.up_axis(), options.fov);
                         self.recording = Some((Instant::now(), 0.0, recording));
@@ -248,7 +258,10 @@ impl Open {
         Ok(())
     }
 
-    fn save(&mut self, options: &Options, recording: &Recording) {
+    /// Writes what was recorded, up to this moment.
+    fn save(&mut self, options: &Options, (start, _, mut recording): (Instant, f64, Recording)) {
+        let [eye, target] = self.fly.places();
+        recording.add(start.elapsed().as_secs_f64(), eye, target);
         let path = self.free_name(options, "flight", "json");
         let done = write_text(&path, &recording.json()).map_err(|e| e.to_string());
         self.written(path, done);
@@ -346,6 +359,10 @@ impl Open {
         };
         let controls = &mut self.controls;
         let mut output = context.run_ui(input, |ui| controls.show(ui, &facts));
+        // Keys fly: only a field that is typed in has them.
+        if !context.text_edit_focused() {
+            context.memory_mut(|m| m.focused().into_iter().for_each(|id| m.surrender_focus(id)));
+        }
         self.panel.handle_platform_output(&self.window, output.platform_output);
         let jobs = context.tessellate(output.shapes, output.pixels_per_point);
         for (id, deltas) in output.textures_delta.set.drain() {
@@ -433,8 +450,8 @@ impl Open {
 impl App<'_> {
     fn close(&mut self, events: &ActiveEventLoop) {
         if let Some(open) = &mut self.open {
-            if let Some((.., recording)) = open.recording.take() {
-                open.save(self.options, &recording);
+            if let Some(recording) = open.recording.take() {
+                open.save(self.options, recording);
             }
             self.summary = Some(open.summary());
         }
@@ -476,7 +493,8 @@ impl ApplicationHandler for App<'_> {
     fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         let is_vector = self.structure.kind() == Kind::Vector;
         let Some(open) = &mut self.open else { return };
-        let taken = open.panel.on_window_event(&open.window, &event).consumed;
+        let is_tab = matches!(&event, WindowEvent::KeyboardInput { event, .. } if event.physical_key == KeyCode::Tab);
+        let taken = !is_tab && open.panel.on_window_event(&open.window, &event).consumed;
         match event {
             WindowEvent::CloseRequested => self.close(events),
             WindowEvent::Resized(size) => {
@@ -492,8 +510,8 @@ impl ApplicationHandler for App<'_> {
                 if pressed && code == KeyCode::Escape {
                     return self.close(events);
                 }
-                // A text field of the panel has the keys for itself; letting go always counts.
-                if !pressed || !open.panel.egui_ctx().egui_wants_keyboard_input() {
+                // A field of the panel that is typed in has the keys for itself; letting go always counts.
+                if !pressed || !open.panel.egui_ctx().text_edit_focused() {
                     open.key(code, pressed);
                     if pressed && !event.repeat {
                         open.pressed(code, is_vector);

@@ -1,6 +1,6 @@
 //! The panel beside the picture: what can be set, and what the streamer does.
 
-use egui::{Color32, Grid, RichText, Sense, Slider, Stroke, Ui, Vec2, pos2};
+use egui::{Color32, Grid, RichText, Sense, Slider, SliderClamping, Stroke, Ui, Vec2, pos2};
 use umbrage_reader::query::filter::MAX_SIDE;
 use umbrage_runtime::stream::FrameStats;
 
@@ -168,12 +168,22 @@ impl Controls {
         if let Some(overlay) = self.overlay {
             ui.add(egui::Label::new(RichText::new(legend(overlay)).small().weak()).wrap());
         }
-        ui.add(Slider::new(&mut self.speed, 0.01..=10_000.0).logarithmic(true).text("units a second"));
+        ui.add(
+            Slider::new(&mut self.speed, 0.01..=10_000.0)
+                .clamping(SliderClamping::Edits)
+                .logarithmic(true)
+                .text("units a second"),
+        );
     }
 
     fn streaming(&mut self, ui: &mut Ui, facts: &Facts<'_>) {
         let least = 0.125f64.min(self.budget_mib);
-        let budget = ui.add(Slider::new(&mut self.budget_mib, least..=1024.0).logarithmic(true).text("MiB budget"));
+        let budget = ui.add(
+            Slider::new(&mut self.budget_mib, least..=1024.0)
+                .clamping(SliderClamping::Edits)
+                .logarithmic(true)
+                .text("MiB budget"),
+        );
         if budget.drag_stopped() || (budget.changed() && !budget.dragged()) {
             self.actions.push(Action::Budget((self.budget_mib * f64::from(1 << 20)) as u64));
         }
