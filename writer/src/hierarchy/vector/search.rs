@@ -26,6 +26,7 @@
 mod borders;
 mod continuous;
 mod cuts;
+mod strip;
 mod tip;
 
 use umbrage_format::projection::UNCOVERED;
@@ -57,6 +58,8 @@ const DOUBTS: usize = 4;
 const MOST_CLOSE: usize = 32;
 /// Side of squares, in texels, from which on the texels of a tip are not looked at one after the other.
 const MANY_TEXELS: i64 = 32;
+/// Side of squares, in texels, from which on the columns of texels at a line are not looked at one after the other.
+const MANY_COLUMNS: i64 = 32;
 /// Area of a strip, in texels, whose centres are looked at one by one.
 const MOST_STRIP: f64 = 64.0;
 /// Difference of two faces' slopes, as a share of them, from which on the edge between them counts.
