@@ -128,7 +128,10 @@ pub(crate) const WHOLE: [f64; 3] = [0.0, 0.0, 1.0];
 struct Reach {
     low: i64,
     high: i64,
+    /// It covers the region.
     all: bool,
+    /// It covers the region's square.
+    square: bool,
 }
 
 /// Depths at which every ray of the square is inside the solid of `list[start..end]`.
@@ -146,6 +149,8 @@ struct View<'a> {
     list: &'a [u32],
     reach: &'a [Reach],
     region: Region<'a>,
+    /// The region.
+    base: &'a Polygon,
     close: bool,
 }
 
@@ -159,14 +164,29 @@ impl View<'_> {
         let t = &self.locals[self.list[k] as usize];
         let front =
             || (slab.start..slab.end).filter(|k| self.event(*k) == Event::Enter && self.reach[*k].high <= slab.high);
-        let mut test = |f: usize| {
-            let f = &self.locals[self.list[f] as usize];
-            behind(t, f, &self.region) || (self.close && polygon.behind(t, f, &self.region))
+        let mut test = |n: usize| {
+            let f = &self.locals[self.list[n] as usize];
+            behind(t, f, &self.region) || (self.close && self.lies_behind(k, n, polygon))
         };
         match front().filter(|k| self.reach[*k].all).min_by_key(|k| self.reach[*k].high) {
             Some(f) => test(f),
             None => front().all(test),
         }
+    }
+
+    /// Whether surface `t` of the list is nowhere in front of `f` where both lie over the region.
+    fn lies_behind(&self, t: usize, f: usize, polygon: &mut Polygon) -> bool {
+        polygon.copy(self.base);
+        for n in [t, f] {
+            // the edges of others are all outside the square
+            if !self.reach[n].square {
+                polygon.clip(&self.locals[self.list[n] as usize]);
+            }
+        }
+        let [t, f] = [t, f].map(|n| &self.locals[self.list[n] as usize]);
+        let (sx, sy) = (t.sx - f.sx, t.sy - f.sy);
+        let slack = 2.0 * (t.eps + f.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());
+        polygon.range(t.z0 - f.z0, sx, sy).0 >= slack
     }
 }
 
@@ -230,7 +250,8 @@ impl Prover {
                 if plain { l.ceil_range(p[0], p[1], size) } else { sheared(rays, l, &region, slack, off) };
             // of exits nobody asks, but where they may be the only surface
             let matters = l.event == Event::Enter || second_surface && l.event != Event::Wall;
-            let mut all = (matters || close) && l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
+            let square = (matters || close) && l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
+            let mut all = square;
             if close
                 && !all
                 && l.event != Event::Wall
@@ -245,7 +266,7 @@ impl Prover {
                 low = low.max(ceil(a - slack));
                 high = high.min(ceil(b + slack)).max(low);
             }
-            self.reach.push(Reach { low, high, all });
+            self.reach.push(Reach { low, high, all, square });
         }
         let (least, most) = region.lift();
         self.deepest = (DEEPEST as f64 - most).floor() as i64;
@@ -277,7 +298,7 @@ impl Prover {
         let low = first.low;
         let front = |k: usize| locals[list[k] as usize].event == Event::Leave && self.reach[k].low <= low;
         let mut polygon = std::mem::take(&mut self.polygon);
-        let view = View { locals, list, reach: &self.reach, region, close };
+        let view = View { locals, list, reach: &self.reach, region, base: &self.base, close };
         let harmless = (0..list.len())
             .filter(|k| front(*k) && !(first.start..first.end).contains(k))
             .all(|k| view.behind(k, &first, &mut polygon));
@@ -598,15 +619,5 @@ impl Polygon {
         let (sx, sy) = (t.sx - e.sx, t.sy - e.sy);
         let slack = 2.0 * (t.eps + e.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());
         self.range(t.z0 - e.z0, sx, sy).0 > slack
-    }
-
-    /// Whether `t` is nowhere in front of `f` where both lie over the square.
-    fn behind(&mut self, t: &Local, f: &Local, region: &Region<'_>) -> bool {
-        self.region(region);
-        self.clip(t);
-        self.clip(f);
-        let (sx, sy) = (t.sx - f.sx, t.sy - f.sy);
-        let slack = 2.0 * (t.eps + f.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());
-        self.range(t.z0 - f.z0, sx, sy).0 >= slack
     }
 }

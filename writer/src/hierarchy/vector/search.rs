@@ -373,9 +373,10 @@ impl<'a> Search<'a> {
         if let Some(plane) = plane.filter(|p| region.size > texel && self.may_slope(p)) {
             let Region { p, size, lines, .. } = region;
             let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
-            let window = Some(self.window(sheared.shear));
-            if let Some(range) =
-                self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window)
+            let window = self.window(sheared.shear);
+            if self.has_room(&plane, window)
+                && let Some(range) =
+                    self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, Some(window))
             {
                 if self.fits(&plane, range) {
                     let id = palette.entry(Entry::Plane(plane));
@@ -402,9 +403,10 @@ impl<'a> Search<'a> {
                 let Region { p, size, lines, .. } = region;
                 let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
                 if self.may_slope(&plane)
-                    && let window = Some(self.window(sheared.shear))
+                    && let window = self.window(sheared.shear)
+                    && self.has_room(&plane, window)
                     && let Some(range) =
-                        self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window)
+                        self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, Some(window))
                 {
                     if self.fits(&plane, range) {
                         return Some((palette.entry(Entry::Plane(plane)), None));
@@ -546,19 +548,27 @@ impl<'a> Search<'a> {
         match entry {
             Entry::Constant(UNCOVERED) => false,
             Entry::Constant(v) => {
-                let window = window([0.0; 2]);
-                let range = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close, window);
                 let guard = i64::from(self.guard);
-                range.is_some_and(|(low, high)| {
+                let fits = |(low, high): (i64, i64)| {
                     low + guard <= i64::from(v)
                         && i64::from(v) <= high - guard
                         && (high - low) as u64 >= wide(self.guard)
-                })
+                };
+                let window = window([0.0; 2]);
+                window.is_none_or(fits)
+                    && self
+                        .prover
+                        .prove_in(&self.rays, list, region, self.rays.second_surface, close, window)
+                        .is_some_and(fits)
             }
             Entry::Plane(plane) => {
                 let Region { p, size, lines, .. } = region;
                 let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
                 let window = window(sheared.shear);
+                // what can be proven lies in the window
+                if window.is_some_and(|window| !self.fits(&plane, window)) {
+                    return false;
+                }
                 let range = self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window);
                 range.is_some_and(|range| self.fits(&plane, range))
             }
@@ -571,6 +581,12 @@ impl<'a> Search<'a> {
         let (whole, _) = plane.at(self.rays.corner, self.scale);
         let margin = plane.reach(self.scale).ceil() as i64 + i64::from(self.guard);
         low + margin + 2 <= whole && whole + 1 + margin <= high
+    }
+
+    /// Whether [`Self::fits`] or [`Self::fitted`] may find something in a range within the window.
+    fn has_room(&self, plane: &Plane, (low, high): (i64, i64)) -> bool {
+        let margin = plane.reach(self.scale).ceil() as i64 + i64::from(self.guard);
+        low.saturating_add(margin + 2) <= high.saturating_sub(margin + 1)
     }
 
     /// The plane of the same slope in the middle, if there is room.

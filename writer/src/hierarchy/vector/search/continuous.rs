@@ -205,19 +205,29 @@ impl Sight {
 
     /// Whether a place has its q in the cell.
     fn sees(&self, cell: &Polygon, polygon: &mut Polygon, place: [f64; 2], near: Option<Wedge>) -> bool {
-        polygon.clone_from(cell);
-        for (axis, at) in place.into_iter().enumerate() {
-            keep_from(polygon, axis, at - self.reach);
-            keep_to(polygon, axis, at + self.reach);
-        }
+        let [x, y] = place;
+        let mut near_place = [
+            [1.0, 0.0, self.reach - x],
+            [-1.0, 0.0, x + self.reach],
+            [0.0, 1.0, self.reach - y],
+            [0.0, -1.0, y + self.reach],
+            [0.0; 3],
+            [0.0; 3],
+        ];
         if let Some(w) = near {
             let value = w.plane[0] * place[0] + w.plane[1] * place[1] + w.plane[2];
             let [a, b, c] = w.front;
-            polygon.keep_plane(-a, -b, value - 2.0 - w.room - c);
+            near_place[4] = [-a, -b, value - 2.0 - w.room - c];
             let [a, b, c] = w.end;
-            polygon.keep_plane(a, b, c - value - w.room);
+            near_place[5] = [a, b, c - value - w.room];
         }
-        !polygon.corners().is_empty()
+        // mostly a corner of the cell will do
+        let holds = |q: &[f64; 2]| near_place.iter().all(|[a, b, c]| a * q[0] + b * q[1] + c >= 0.0);
+        cell.corners().iter().any(holds) || {
+            polygon.copy(cell);
+            near_place.iter().for_each(|[a, b, c]| polygon.keep_plane(*a, *b, *c));
+            !polygon.corners().is_empty()
+        }
     }
 }
 
