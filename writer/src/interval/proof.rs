@@ -221,17 +221,20 @@ impl Prover {
         second_surface: bool,
         close: bool,
     ) -> Option<Interval> {
-        let (low, high) = self.prove_in(rays, list, Region::square(p, size), second_surface, close, None)?;
+        let (low, high) = self.prove_in(rays, list, &[], Region::square(p, size), second_surface, close, None)?;
         interval(low, high)
     }
 
     /// Sheared depths `low <= v <= high` that are right for every ray of the region, as integers: `lo <= v` and `v < hi`.
     /// They leave the lattice nowhere in the square. `list` holds at least the surfaces that overlap the open region, sorted
-    /// by solid. Where the values that can be right are known to lie in a `window`, surfaces off it are not looked at closely.
+    /// by solid. `covers` says of all of the tile's surfaces which of them cover the region's square, or is empty. Where the
+    /// values that can be right are known to lie in a `window`, surfaces off it are not looked at closely.
+    #[expect(clippy::too_many_arguments, reason = "what is known of the region differs from call to call")]
     pub fn prove_in(
         &mut self,
         rays: &Rays,
         list: &[u32],
+        covers: &[bool],
         region: Region<'_>,
         second_surface: bool,
         close: bool,
@@ -250,7 +253,8 @@ impl Prover {
                 if plain { l.ceil_range(p[0], p[1], size) } else { sheared(rays, l, &region, slack, off) };
             // of exits nobody asks, but where they may be the only surface
             let matters = l.event == Event::Enter || second_surface && l.event != Event::Wall;
-            let square = (matters || close) && l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
+            let over = || covers.get(i as usize).copied().unwrap_or_else(|| l.cover(p[0], p[1], size) == Cover::All);
+            let square = (matters || close) && l.event != Event::Wall && over();
             let mut all = square;
             if close
                 && !all

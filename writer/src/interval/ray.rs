@@ -64,13 +64,31 @@ pub struct Rays<'a> {
 impl Rays<'_> {
     /// The stretch on the ray at the tile-relative lattice point, taken as the limit from (dx eps, dy eps^2).
     pub fn stretch(&self, list: &[u32], p: [i64; 2], d: [i64; 2], scratch: &mut RayScratch) -> Stretch {
+        self.stretch_among(&[], list, p, d, scratch)
+    }
+
+    /// Like [`Self::stretch`]; the ray is known to meet the surfaces of `met`.
+    pub fn stretch_among(
+        &self,
+        met: &[u32],
+        list: &[u32],
+        p: [i64; 2],
+        d: [i64; 2],
+        scratch: &mut RayScratch,
+    ) -> Stretch {
         let hits = &mut scratch.hits;
         hits.clear();
+        let mut hit = |l: &Local| {
+            let z = l.approximate(p[0], p[1]);
+            hits.push(Hit { z, eps: l.eps, at: l.index, event: l.event, solid: l.solid });
+        };
+        for &i in met {
+            hit(&self.locals[i as usize]);
+        }
         for &i in list {
             let l = &self.locals[i as usize];
             if l.covers(p[0], p[1], d[0], d[1]) {
-                let z = l.approximate(p[0], p[1]);
-                hits.push(Hit { z, eps: l.eps, at: l.index, event: l.event, solid: l.solid });
+                hit(l);
             }
         }
         if hits.is_empty() {

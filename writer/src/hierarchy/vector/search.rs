@@ -29,6 +29,7 @@ mod cuts;
 mod strip;
 mod tip;
 
+use rustc_hash::FxHashMap as HashMap;
 use umbrage_format::projection::UNCOVERED;
 
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, between};
@@ -42,6 +43,8 @@ use crate::interval::{Event, Interval, wide};
 const MOST_CUTS: usize = 4;
 /// Most surfaces of a square that is tried at all.
 const PROOF_LIST: usize = 256;
+/// Intervals of texels that are kept.
+const MOST_INTERVALS: usize = 1 << 14;
 /// Most surfaces of a square that is cut.
 const CUT_LIST: usize = 64;
 /// Maps up to here are so small that the root page holds most of them, where splits and masks can't refer to everything.
@@ -154,6 +157,12 @@ pub struct Search<'a> {
     doubtful: Vec<[i64; 2]>,
     close: Vec<[i64; 2]>,
     near: Vec<u32>,
+    /// Which of the tile's surfaces cover the square, of those in its list.
+    covers: Vec<bool>,
+    /// Those of a list.
+    whole: Vec<u32>,
+    /// Intervals of texels that were looked at one by one: the squares around ask for them again.
+    intervals: HashMap<[i64; 2], Interval>,
     /// The square's surfaces.
     list: Vec<u32>,
     scratch: Scratch,
@@ -162,6 +171,7 @@ pub struct Search<'a> {
 impl<'a> Search<'a> {
     /// For one tile.
     pub fn new(rays: Rays<'a>, scale: Scale, guard: u32, edges: &'a [Edges]) -> Self {
+        let covers = vec![false; rays.locals.len()];
         Search {
             rays,
             scale,
@@ -184,6 +194,9 @@ impl<'a> Search<'a> {
             doubtful: Vec::new(),
             close: Vec::new(),
             near: Vec::new(),
+            covers,
+            whole: Vec::new(),
+            intervals: HashMap::default(),
             list: Vec::new(),
             scratch: Scratch::default(),
         }
@@ -204,16 +217,17 @@ impl<'a> Search<'a> {
     }
 
     /// An entry for the tile-relative square, and whether it is proven between the texels' centres, too; `list` holds the
-    /// surfaces that overlap the square, sorted by solid. Entries of `above` are tried first, in this order. Where there is
-    /// none, what was proven of parts of the square is kept for squares in it.
+    /// surfaces that overlap the square, sorted by solid, and `over` which of them cover all of it. Entries of `above` are tried
+    /// first, in this order. Where there is none, what was proven of parts of the square is kept for squares in it.
     pub fn square(
         &mut self,
         palette: &mut Palette,
-        list: &[u32],
+        (list, over): (&[u32], &[bool]),
         p: [i64; 2],
         size: i64,
         above: &[EntryId],
     ) -> Option<(EntryId, bool)> {
+        list.iter().zip(over).for_each(|(i, over)| self.covers[*i as usize] = *over);
         if list.len() > PROOF_LIST {
             return None;
         }
@@ -375,8 +389,15 @@ impl<'a> Search<'a> {
             let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
             let window = self.window(sheared.shear);
             if self.has_room(&plane, window)
-                && let Some(range) =
-                    self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, Some(window))
+                && let Some(range) = self.prover.prove_in(
+                    &self.rays,
+                    list,
+                    &self.covers,
+                    sheared,
+                    self.rays.second_surface,
+                    close,
+                    Some(window),
+                )
             {
                 if self.fits(&plane, range) {
                     let id = palette.entry(Entry::Plane(plane));
@@ -391,7 +412,7 @@ impl<'a> Search<'a> {
         if self.may_be_level()
             && let window = Some(self.window([0.0; 2]))
             && let Some((low, high)) =
-                self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close, window)
+                self.prover.prove_in(&self.rays, list, &self.covers, region, self.rays.second_surface, close, window)
             && let Some(v) = self.constant(palette, low, high)
         {
             return Some((palette.entry(Entry::Constant(v)), None));
@@ -405,8 +426,15 @@ impl<'a> Search<'a> {
                 if self.may_slope(&plane)
                     && let window = self.window(sheared.shear)
                     && self.has_room(&plane, window)
-                    && let Some(range) =
-                        self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, Some(window))
+                    && let Some(range) = self.prover.prove_in(
+                        &self.rays,
+                        list,
+                        &self.covers,
+                        sheared,
+                        self.rays.second_surface,
+                        close,
+                        Some(window),
+                    )
                 {
                     if self.fits(&plane, range) {
                         return Some((palette.entry(Entry::Plane(plane)), None));
@@ -444,14 +472,21 @@ impl<'a> Search<'a> {
             region.corners(&mut self.polygon, &mut self.inner);
             places.extend(self.inner.iter().map(|q| (*q, [1, 1])));
         }
-        let met = places.iter().all(|(q, d)| match self.rays.stretch(list, *q, *d, &mut self.ray) {
+        // most surfaces cover all of the square: rays into it, from its border or inside, meet them
+        let (mut whole, mut rest) = (std::mem::take(&mut self.whole), std::mem::take(&mut self.near));
+        whole.clear();
+        rest.clear();
+        for &i in list {
+            if self.covers[i as usize] { whole.push(i) } else { rest.push(i) }
+        }
+        let met = places.iter().all(|(q, d)| match self.rays.stretch_among(&whole, &rest, *q, *d, &mut self.ray) {
             Stretch::Uncovered => false,
             Stretch::Covered { lo, hi } => {
                 self.probes.push((*q, lo, hi));
                 true
             }
         });
-        self.places = places;
+        (self.places, self.whole, self.near) = (places, whole, rest);
         met
     }
 
@@ -558,7 +593,7 @@ impl<'a> Search<'a> {
                 window.is_none_or(fits)
                     && self
                         .prover
-                        .prove_in(&self.rays, list, region, self.rays.second_surface, close, window)
+                        .prove_in(&self.rays, list, &self.covers, region, self.rays.second_surface, close, window)
                         .is_some_and(fits)
             }
             Entry::Plane(plane) => {
@@ -569,7 +604,15 @@ impl<'a> Search<'a> {
                 if window.is_some_and(|window| !self.fits(&plane, window)) {
                     return false;
                 }
-                let range = self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window);
+                let range = self.prover.prove_in(
+                    &self.rays,
+                    list,
+                    &self.covers,
+                    sheared,
+                    self.rays.second_surface,
+                    close,
+                    window,
+                );
                 range.is_some_and(|range| self.fits(&plane, range))
             }
             _ => false,

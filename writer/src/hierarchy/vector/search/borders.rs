@@ -1,14 +1,14 @@
 //! Texels that cells of a cut square share.
 
 use super::strip::{Band, ROUNDING};
-use super::{Cell, Cut, DOUBTS, MANY_COLUMNS, Search};
+use super::{Cell, Cut, DOUBTS, MANY_COLUMNS, MOST_INTERVALS, Search};
 use crate::hierarchy::vector::entry::{Entry, EntryId, Palette};
 use crate::hierarchy::vector::segment::{AROUND, border, clip_segment, clip_to_surface};
 use crate::hierarchy::vector::texels::allows;
 use crate::interval::proof::{HalfPlane, Region};
 use crate::interval::texel::texel;
 use crate::interval::triangle::{Cover, Local};
-use crate::interval::{Event, wide};
+use crate::interval::{Event, Interval, wide};
 
 /// What is known of the texels that two cells share.
 enum Border {
@@ -172,13 +172,27 @@ impl Search<'_> {
 
     /// Whether a constant or plane lies in the exact interval of the texel at `q` of the square.
     pub(super) fn keeps(&mut self, entry: Entry, q: [i64; 2]) -> bool {
+        let interval = match self.intervals.get(&q) {
+            Some(interval) => *interval,
+            None => self.interval(q),
+        };
+        allows(entry, interval, self.texel_at(q), 0, self.scale)
+    }
+
+    /// The exact interval, less the guard, of the texel at `q` of the square.
+    fn interval(&mut self, q: [i64; 2]) -> Interval {
         let size = 1i64 << self.scale.subtexel_bits;
         self.near.clear();
         let over = |i: &&u32| self.rays.locals[**i as usize].cover(q[0], q[1], size) != Cover::None;
         self.near.extend(self.list.iter().filter(over));
         self.looked += 1;
         let truth = texel(&self.rays, &self.near, q, size, wide(self.guard), &mut self.scratch);
-        allows(entry, truth.interval.guarded(self.guard), self.texel_at(q), 0, self.scale)
+        let interval = truth.interval.guarded(self.guard);
+        if self.intervals.len() >= MOST_INTERVALS {
+            self.intervals.clear();
+        }
+        self.intervals.insert(q, interval);
+        interval
     }
 
     /// What is known of the texels that both cells share.

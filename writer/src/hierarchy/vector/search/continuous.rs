@@ -59,7 +59,7 @@ impl Search<'_> {
     }
 
     /// Whether an entry that was chosen for single texels is right at every place of the square: a constant, a plane,
-    /// or two of them along a silhouette edge.
+    /// or two of them along a silhouette edge. The square is the one that [`Self::square`] was asked for last.
     pub fn is_right(&mut self, palette: &Palette, id: EntryId, list: &[u32], p: [i64; 2], size: i64) -> bool {
         self.cuts.clear();
         let Entry::Split { line, near, beyond } = palette.get(id) else {
@@ -86,7 +86,7 @@ impl Search<'_> {
                 list.iter().all(|i| self.local(*i).event == Event::Wall) && self.is_seen(p, size, path, None)
             }
             Entry::Constant(v) => {
-                let range = self.prover.prove_in(&self.rays, list, region, second, true, None);
+                let range = self.prover.prove_in(&self.rays, list, &self.covers, region, second, true, None);
                 range.is_some_and(|(low, high)| low <= i64::from(v) && i64::from(v) <= high)
                     && self.is_seen(p, size, path, None)
             }
@@ -95,7 +95,7 @@ impl Search<'_> {
                 let (whole, _) = plane.at(self.rays.corner, self.scale);
                 // what pages round, and the plane's rise from p to q
                 let rise = (plane.reach(self.scale) / 2048.0).ceil() as i64;
-                let range = self.prover.prove_in(&self.rays, list, sheared, second, true, None);
+                let range = self.prover.prove_in(&self.rays, list, &self.covers, sheared, second, true, None);
                 if range.is_some_and(|(low, high)| low + rise + 2 <= whole && whole + 1 + rise <= high) {
                     return self.is_seen(p, size, path, None);
                 }
