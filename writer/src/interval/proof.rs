@@ -121,9 +121,6 @@ impl<'a> Region<'a> {
     }
 }
 
-/// Every part of a region.
-pub(crate) const WHOLE: [f64; 3] = [0.0, 0.0, 1.0];
-
 #[derive(Clone, Copy)]
 struct Reach {
     low: i64,
@@ -261,7 +258,7 @@ impl Prover {
                 && l.event != Event::Wall
                 && (!off(low, high) || !region.lines.is_empty() && l.event == Event::Enter)
             {
-                all = matters && !region.lines.is_empty() && self.polygon.covered(rays, l, &region, 3, WHOLE);
+                all = matters && !region.lines.is_empty() && self.base.covered(rays, l, &region, 3);
                 self.polygon.points.clone_from(&self.base.points);
                 self.polygon.clip(l);
                 let (sx, sy) = (l.sx - region.shear[0], l.sy - region.shear[1]);
@@ -523,10 +520,9 @@ impl Polygon {
         std::mem::swap(&mut self.points, &mut self.spare);
     }
 
-    /// Whether the surface covers the region: each edge runs outside it, or along one of its lines.
-    /// Edge `but` is left out; 3: none is.
-    /// Only the part with `part . (x, y, 1) >= 0` counts.
-    pub(crate) fn covered(&mut self, rays: &Rays, l: &Local, region: &Region<'_>, but: u8, part: [f64; 3]) -> bool {
+    /// Whether the surface covers this polygon, which lies in the region: each edge runs outside the region's square, outside the
+    /// polygon, or along one of the region's lines. Edge `but` is left out; 3: none is.
+    pub(crate) fn covered(&self, rays: &Rays, l: &Local, region: &Region<'_>, but: u8) -> bool {
         let s = &rays.surfaces[l.index as usize];
         (0..3).filter(|k| *k != usize::from(but)).all(|k| {
             let e = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
@@ -543,8 +539,6 @@ impl Polygon {
             if region.lines.iter().any(same) {
                 return true;
             }
-            self.region(region);
-            self.keep_linear(part[0], part[1], part[2]);
             let (a, b, c) = (e.a as f64, e.b as f64, e.c as f64);
             let far = (a.abs() + b.abs()) * MARGIN;
             self.points.iter().all(|p| a * p[0] + b * p[1] + c >= far)
@@ -613,15 +607,27 @@ impl Polygon {
         }
         (from <= to).then_some((from, to))
     }
+}
 
-    /// Whether `t` is behind `e`, and nowhere at the same depth, where it lies over the part of the region with
-    /// `part . (x, y, 1) >= 0`.
-    pub(crate) fn strictly_behind(&mut self, t: &Local, e: &Local, region: &Region<'_>, part: [f64; 3]) -> bool {
-        self.region(region);
-        self.keep_linear(part[0], part[1], part[2]);
-        self.clip(t);
-        let (sx, sy) = (t.sx - e.sx, t.sy - e.sy);
-        let slack = 2.0 * (t.eps + e.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());
-        self.range(t.z0 - e.z0, sx, sy).0 > slack
+/// Whether `t` is behind `e`, and nowhere at the same depth, where it lies over a polygon of the region. `covers`: `t` covers the
+/// region's square.
+pub(crate) fn strictly_behind(
+    (t, covers): (&Local, bool),
+    e: &Local,
+    region: &Region<'_>,
+    polygon: &Polygon,
+    spare: &mut Polygon,
+) -> bool {
+    let (sx, sy) = (t.sx - e.sx, t.sy - e.sy);
+    let slack = 2.0 * (t.eps + e.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());
+    // all over the square, with as much room again for rounding
+    let (z, s) = ((t.z0 - e.z0) + sx * region.p[0] as f64 + sy * region.p[1] as f64, region.size as f64);
+    if z + (sx * s).min(0.0) + (sy * s).min(0.0) > 2.0 * slack {
+        return true;
     }
+    spare.copy(polygon);
+    if !covers {
+        spare.clip(t);
+    }
+    spare.range(t.z0 - e.z0, sx, sy).0 > slack
 }

@@ -3,15 +3,15 @@
 use super::strip::strip;
 use super::{MANY_TEXELS, MOST_CLOSE, MOST_STRIP, MOST_TIPS, Search, Tip};
 use crate::hierarchy::vector::entry::Entry;
-use crate::interval::proof::{HalfPlane, Region};
+use crate::interval::proof::{HalfPlane, Region, strictly_behind};
 use crate::interval::{Event, ceil};
 
 impl Search<'_> {
-    /// Whether the surface covers the part of the region, alone or with the flattest neighbour: then that one, and the most that
-    /// it lies off this one's plane there, in depth.
-    fn covers(&mut self, list: &[u32], region: &Region<'_>, i: u32, part: [f64; 3]) -> Option<(u32, f64)> {
+    /// Whether the surface covers the polygon, a part of the region, alone or with the flattest neighbour: then that one, and the
+    /// most that it lies off this one's plane there, in depth.
+    fn covers(&self, list: &[u32], region: &Region<'_>, i: u32) -> Option<(u32, f64)> {
         let l = &self.rays.locals[i as usize];
-        if self.polygon.covered(&self.rays, l, region, 3, part) {
+        if self.polygon.covered(&self.rays, l, region, 3) {
             return Some((i, 0.0));
         }
         for (k, mate) in (0u8..).zip(self.edges[l.index as usize].across).filter(|a| a.1 != u32::MAX) {
@@ -21,13 +21,11 @@ impl Search<'_> {
             let m = &self.rays.locals[other as usize];
             let shared = self.edges[m.index as usize].across.iter().position(|b| *b == l.index);
             let Some(shared) = shared else { continue };
-            if !self.polygon.covered(&self.rays, l, region, k, part)
-                || !self.polygon.covered(&self.rays, m, region, shared as u8, part)
+            if !self.polygon.covered(&self.rays, l, region, k)
+                || !self.polygon.covered(&self.rays, m, region, shared as u8)
             {
                 continue;
             }
-            self.polygon.region(region);
-            self.polygon.keep_plane(part[0], part[1], part[2]);
             let (low, high) = self.polygon.range(m.z0 - l.z0, m.sx - l.sx, m.sy - l.sy);
             return Some((other, low.abs().max(high.abs()) + m.eps + l.eps));
         }
@@ -41,30 +39,34 @@ impl Search<'_> {
         let f = &self.rays.locals[tip.front as usize];
         let near = |far: f64| [f.sx - e.sx, f.sy - e.sy, far - (e.z0 - f.z0)];
         // a first guess without what the faces' neighbours add
-        let part = near(1.2 * self.far(tip, 0.0));
-        let (front, bend) = self.covers(list, &region, tip.front, part)?;
-        let (end, more) = self.covers(list, &region, tip.end, part)?;
+        let [a, b, c] = near(1.2 * self.far(tip, 0.0));
+        self.polygon.region(&region);
+        self.polygon.keep_plane(a, b, c);
+        let (front, bend) = self.covers(list, &region, tip.front)?;
+        let (end, more) = self.covers(list, &region, tip.end)?;
         let bend = bend + more;
         if 4.0 * bend > 0.2 * self.far(tip, 0.0) {
             return None;
         }
         let other_end = &self.rays.locals[end as usize];
-        self.polygon.region(&region);
-        self.polygon.keep_plane(part[0], part[1], part[2]);
         let between = self.polygon.range(e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy).0;
         // the margin of the region reaches beyond the line where both meet
         let slack = (e.sx - f.sx).abs() + (e.sy - f.sy).abs() + 2.0 * (e.eps + f.eps);
         if between < -slack - bend {
             return None;
         }
-        let part = near(self.far(tip, bend));
+        let [a, b, c] = near(self.far(tip, bend));
+        self.polygon.region(&region);
+        self.polygon.keep_plane(a, b, c);
+        let (near, spare) = (&self.polygon, &mut self.part);
         let sound = list.iter().all(|i| {
             let t = &self.rays.locals[*i as usize];
+            let covers = self.covers[*i as usize];
             [tip.front, tip.end, front, end].contains(i)
                 || t.event == Event::Wall
                 || t.zmin > e.zmax.max(other_end.zmax)
-                || (self.polygon.strictly_behind(t, e, &region, part)
-                    && (end == tip.end || self.polygon.strictly_behind(t, other_end, &region, part)))
+                || (strictly_behind((t, covers), e, &region, near, spare)
+                    && (end == tip.end || strictly_behind((t, covers), other_end, &region, near, spare)))
         });
         if !sound {
             return None;
