@@ -309,7 +309,8 @@ impl<'a> Search<'a> {
             let mut sides = [OPEN; 2];
             let mut whole = true;
             for (side, h) in [(1, half.beyond()), (0, half)] {
-                let near: Vec<u32> = list.iter().copied().filter(|i| self.reaches(*i, h)).collect();
+                let mut near = Vec::with_capacity(list.len());
+                near.extend(list.iter().copied().filter(|i| self.reaches(*i, h)));
                 path.push((number, side == 0));
                 let id = self.cell(palette, &near, p, size, path);
                 path.pop();
