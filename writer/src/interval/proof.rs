@@ -121,14 +121,14 @@ impl<'a> Region<'a> {
     }
 }
 
-/// Every part of a region.
-pub(crate) const WHOLE: [f64; 3] = [0.0, 0.0, 1.0];
-
 #[derive(Clone, Copy)]
 struct Reach {
     low: i64,
     high: i64,
+    /// It covers the region.
     all: bool,
+    /// It covers the region's square.
+    square: bool,
 }
 
 /// Depths at which every ray of the square is inside the solid of `list[start..end]`.
@@ -146,6 +146,8 @@ struct View<'a> {
     list: &'a [u32],
     reach: &'a [Reach],
     region: Region<'a>,
+    /// The region.
+    base: &'a Polygon,
     close: bool,
 }
 
@@ -159,14 +161,29 @@ impl View<'_> {
         let t = &self.locals[self.list[k] as usize];
         let front =
             || (slab.start..slab.end).filter(|k| self.event(*k) == Event::Enter && self.reach[*k].high <= slab.high);
-        let mut test = |f: usize| {
-            let f = &self.locals[self.list[f] as usize];
-            behind(t, f, &self.region) || (self.close && polygon.behind(t, f, &self.region))
+        let mut test = |n: usize| {
+            let f = &self.locals[self.list[n] as usize];
+            behind(t, f, &self.region) || (self.close && self.lies_behind(k, n, polygon))
         };
         match front().filter(|k| self.reach[*k].all).min_by_key(|k| self.reach[*k].high) {
             Some(f) => test(f),
             None => front().all(test),
         }
+    }
+
+    /// Whether surface `t` of the list is nowhere in front of `f` where both lie over the region.
+    fn lies_behind(&self, t: usize, f: usize, polygon: &mut Polygon) -> bool {
+        polygon.copy(self.base);
+        for n in [t, f] {
+            // the edges of others are all outside the square
+            if !self.reach[n].square {
+                polygon.clip(&self.locals[self.list[n] as usize]);
+            }
+        }
+        let [t, f] = [t, f].map(|n| &self.locals[self.list[n] as usize]);
+        let (sx, sy) = (t.sx - f.sx, t.sy - f.sy);
+        let slack = 2.0 * (t.eps + f.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());
+        polygon.range(t.z0 - f.z0, sx, sy).0 >= slack
     }
 }
 
@@ -201,17 +218,20 @@ impl Prover {
         second_surface: bool,
         close: bool,
     ) -> Option<Interval> {
-        let (low, high) = self.prove_in(rays, list, Region::square(p, size), second_surface, close, None)?;
+        let (low, high) = self.prove_in(rays, list, &[], Region::square(p, size), second_surface, close, None)?;
         interval(low, high)
     }
 
     /// Sheared depths `low <= v <= high` that are right for every ray of the region, as integers: `lo <= v` and `v < hi`.
     /// They leave the lattice nowhere in the square. `list` holds at least the surfaces that overlap the open region, sorted
-    /// by solid. Where the values that can be right are known to lie in a `window`, surfaces off it are not looked at closely.
+    /// by solid. `covers` says of all of the tile's surfaces which of them cover the region's square, or is empty. Where the
+    /// values that can be right are known to lie in a `window`, surfaces off it are not looked at closely.
+    #[expect(clippy::too_many_arguments, reason = "what is known of the region differs from call to call")]
     pub fn prove_in(
         &mut self,
         rays: &Rays,
         list: &[u32],
+        covers: &[bool],
         region: Region<'_>,
         second_surface: bool,
         close: bool,
@@ -230,13 +250,15 @@ impl Prover {
                 if plain { l.ceil_range(p[0], p[1], size) } else { sheared(rays, l, &region, slack, off) };
             // of exits nobody asks, but where they may be the only surface
             let matters = l.event == Event::Enter || second_surface && l.event != Event::Wall;
-            let mut all = (matters || close) && l.event != Event::Wall && l.cover(p[0], p[1], size) == Cover::All;
+            let over = || covers.get(i as usize).copied().unwrap_or_else(|| l.cover(p[0], p[1], size) == Cover::All);
+            let square = (matters || close) && l.event != Event::Wall && over();
+            let mut all = square;
             if close
                 && !all
                 && l.event != Event::Wall
                 && (!off(low, high) || !region.lines.is_empty() && l.event == Event::Enter)
             {
-                all = matters && !region.lines.is_empty() && self.polygon.covered(rays, l, &region, 3, WHOLE);
+                all = matters && !region.lines.is_empty() && self.base.covered(rays, l, &region, 3);
                 self.polygon.points.clone_from(&self.base.points);
                 self.polygon.clip(l);
                 let (sx, sy) = (l.sx - region.shear[0], l.sy - region.shear[1]);
@@ -245,7 +267,7 @@ impl Prover {
                 low = low.max(ceil(a - slack));
                 high = high.min(ceil(b + slack)).max(low);
             }
-            self.reach.push(Reach { low, high, all });
+            self.reach.push(Reach { low, high, all, square });
         }
         let (least, most) = region.lift();
         self.deepest = (DEEPEST as f64 - most).floor() as i64;
@@ -277,7 +299,7 @@ impl Prover {
         let low = first.low;
         let front = |k: usize| locals[list[k] as usize].event == Event::Leave && self.reach[k].low <= low;
         let mut polygon = std::mem::take(&mut self.polygon);
-        let view = View { locals, list, reach: &self.reach, region, close };
+        let view = View { locals, list, reach: &self.reach, region, base: &self.base, close };
         let harmless = (0..list.len())
             .filter(|k| front(*k) && !(first.start..first.end).contains(k))
             .all(|k| view.behind(k, &first, &mut polygon));
@@ -498,10 +520,9 @@ impl Polygon {
         std::mem::swap(&mut self.points, &mut self.spare);
     }
 
-    /// Whether the surface covers the region: each edge runs outside it, or along one of its lines.
-    /// Edge `but` is left out; 3: none is.
-    /// Only the part with `part . (x, y, 1) >= 0` counts.
-    pub(crate) fn covered(&mut self, rays: &Rays, l: &Local, region: &Region<'_>, but: u8, part: [f64; 3]) -> bool {
+    /// Whether the surface covers this polygon, which lies in the region: each edge runs outside the region's square, outside the
+    /// polygon, or along one of the region's lines. Edge `but` is left out; 3: none is.
+    pub(crate) fn covered(&self, rays: &Rays, l: &Local, region: &Region<'_>, but: u8) -> bool {
         let s = &rays.surfaces[l.index as usize];
         (0..3).filter(|k| *k != usize::from(but)).all(|k| {
             let e = HalfPlane { a: l.a[k], b: l.b[k], c: l.c[k] };
@@ -518,8 +539,6 @@ impl Polygon {
             if region.lines.iter().any(same) {
                 return true;
             }
-            self.region(region);
-            self.keep_linear(part[0], part[1], part[2]);
             let (a, b, c) = (e.a as f64, e.b as f64, e.c as f64);
             let far = (a.abs() + b.abs()) * MARGIN;
             self.points.iter().all(|p| a * p[0] + b * p[1] + c >= far)
@@ -588,25 +607,27 @@ impl Polygon {
         }
         (from <= to).then_some((from, to))
     }
+}
 
-    /// Whether `t` is behind `e`, and nowhere at the same depth, where it lies over the part of the region with
-    /// `part . (x, y, 1) >= 0`.
-    pub(crate) fn strictly_behind(&mut self, t: &Local, e: &Local, region: &Region<'_>, part: [f64; 3]) -> bool {
-        self.region(region);
-        self.keep_linear(part[0], part[1], part[2]);
-        self.clip(t);
-        let (sx, sy) = (t.sx - e.sx, t.sy - e.sy);
-        let slack = 2.0 * (t.eps + e.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());
-        self.range(t.z0 - e.z0, sx, sy).0 > slack
+/// Whether `t` is behind `e`, and nowhere at the same depth, where it lies over a polygon of the region. `covers`: `t` covers the
+/// region's square.
+pub(crate) fn strictly_behind(
+    (t, covers): (&Local, bool),
+    e: &Local,
+    region: &Region<'_>,
+    polygon: &Polygon,
+    spare: &mut Polygon,
+) -> bool {
+    let (sx, sy) = (t.sx - e.sx, t.sy - e.sy);
+    let slack = 2.0 * (t.eps + e.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());
+    // all over the square, with as much room again for rounding
+    let (z, s) = ((t.z0 - e.z0) + sx * region.p[0] as f64 + sy * region.p[1] as f64, region.size as f64);
+    if z + (sx * s).min(0.0) + (sy * s).min(0.0) > 2.0 * slack {
+        return true;
     }
-
-    /// Whether `t` is nowhere in front of `f` where both lie over the square.
-    fn behind(&mut self, t: &Local, f: &Local, region: &Region<'_>) -> bool {
-        self.region(region);
-        self.clip(t);
-        self.clip(f);
-        let (sx, sy) = (t.sx - f.sx, t.sy - f.sy);
-        let slack = 2.0 * (t.eps + f.eps) + 2.0 * MARGIN * (sx.abs() + sy.abs());
-        self.range(t.z0 - f.z0, sx, sy).0 >= slack
+    spare.copy(polygon);
+    if !covers {
+        spare.clip(t);
     }
+    spare.range(t.z0 - e.z0, sx, sy).0 > slack
 }

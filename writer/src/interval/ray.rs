@@ -64,13 +64,31 @@ pub struct Rays<'a> {
 impl Rays<'_> {
     /// The stretch on the ray at the tile-relative lattice point, taken as the limit from (dx eps, dy eps^2).
     pub fn stretch(&self, list: &[u32], p: [i64; 2], d: [i64; 2], scratch: &mut RayScratch) -> Stretch {
+        self.stretch_among(&[], list, p, d, scratch)
+    }
+
+    /// Like [`Self::stretch`]; the ray is known to meet the surfaces of `met`.
+    pub fn stretch_among(
+        &self,
+        met: &[u32],
+        list: &[u32],
+        p: [i64; 2],
+        d: [i64; 2],
+        scratch: &mut RayScratch,
+    ) -> Stretch {
         let hits = &mut scratch.hits;
         hits.clear();
+        let mut hit = |l: &Local| {
+            let z = l.approximate(p[0], p[1]);
+            hits.push(Hit { z, eps: l.eps, at: l.index, event: l.event, solid: l.solid });
+        };
+        for &i in met {
+            hit(&self.locals[i as usize]);
+        }
         for &i in list {
             let l = &self.locals[i as usize];
             if l.covers(p[0], p[1], d[0], d[1]) {
-                let z = l.approximate(p[0], p[1]);
-                hits.push(Hit { z, eps: l.eps, at: l.index, event: l.event, solid: l.solid });
+                hit(l);
             }
         }
         if hits.is_empty() {
@@ -86,13 +104,26 @@ impl Rays<'_> {
                 exact(a).order(&exact(b))
             }
         };
-        hits.sort_by(|a, b| depth_order(a, b).then(a.event.cmp(&b.event)));
+        // puts what comes at place `i` there: rays leave after a few of their hits
+        let bring = |hits: &mut [Hit], i: usize| {
+            let mut least = i;
+            for k in i + 1..hits.len() {
+                if depth_order(&hits[k], &hits[least]).then(hits[k].event.cmp(&hits[least].event)).is_lt() {
+                    least = k;
+                }
+            }
+            hits.swap(i, least);
+        };
         let ceil = |h: &Hit| {
             let (low, high) = (ceil(h.z - h.eps), ceil(h.z + h.eps));
             if low == high { low } else { exact(h).ceil() }
         };
+        bring(hits, 0);
         let lo = ceil(&hits[0]);
         if self.second_surface {
+            if hits.len() > 1 {
+                bring(hits, 1);
+            }
             return Stretch::Covered { lo, hi: hits.get(1).map_or(i64::MAX, ceil) };
         }
         let inside = &mut scratch.inside;
@@ -104,7 +135,8 @@ impl Rays<'_> {
             let mut j = i;
             while j < hits.len() && (j == i || depth_order(&hits[i], &hits[j]) == Ordering::Equal) {
                 let h = &hits[j];
-                let step = if h.event == Event::Enter { 1 } else { -1 };
+                let enters = h.event == Event::Enter;
+                let step = if enters { 1 } else { -1 };
                 let w = match inside.iter_mut().find(|(s, _)| *s == h.solid) {
                     Some((_, w)) => w,
                     None => {
@@ -116,7 +148,14 @@ impl Rays<'_> {
                 let before = *w > 0;
                 *w += step;
                 solids_inside += i32::from(*w > 0) - i32::from(before);
+                // only exits follow at this depth
+                if solids_inside == 0 && !enters {
+                    return Stretch::Covered { lo, hi: ceil(&hits[i]) };
+                }
                 j += 1;
+                if j < hits.len() {
+                    bring(hits, j);
+                }
             }
             if solids_inside == 0 {
                 return Stretch::Covered { lo, hi: ceil(&hits[i]) };

@@ -193,6 +193,7 @@ impl Context<'_> {
             search: Search::new(rays(&locals), self.scale, self.guard, self.edges),
             forest: Forest::default(),
             stack: (0..locals.len() as u32).collect(),
+            over: locals.iter().map(|l| l.cover(0, 0, size) == Cover::All).collect(),
             scratch: Scratch::default(),
             exact: Vec::new(),
             counts: Counts::default(),
@@ -215,6 +216,8 @@ struct Tile<'a> {
     forest: Forest,
     /// Lists of the squares on the way down, one behind the other.
     stack: Vec<u32>,
+    /// For each of the stack whether it covers the whole square.
+    over: Vec<bool>,
     scratch: Scratch,
     /// Intervals of the blocks that were looked at texel by texel.
     exact: Vec<[Interval; 16]>,
@@ -229,13 +232,13 @@ impl Tile<'_> {
         let corner = self.rays.corner;
         let p = [0, 1].map(|i| (i64::from(at.origin[i]) << bits) - corner[i]);
         let size = 1i64 << (at.level + bits);
-        let list = &self.stack[start..];
+        let (list, over) = (&self.stack[start..], &self.over[start..]);
         // a cancelled tile is thrown away, so any answer will do
         if is_open(self.rays.locals, list) || self.cx.cancelled() {
             return open();
         }
         let facts = self.search.facts();
-        if let Some((id, proven)) = self.search.square(&mut self.forest.palette, list, p, size, above) {
+        if let Some((id, proven)) = self.search.square(&mut self.forest.palette, (list, over), p, size, above) {
             return Node { proven: Some(proven), ..Node::leaf(id) };
         }
         if at.level == BLOCK_LEVEL {
@@ -255,7 +258,7 @@ impl Tile<'_> {
             let q = [0, 1].map(|i| (i64::from(child.origin[i]) << bits) - corner[i]);
             self.descend(start, end, q, size / 2);
             *node = self.square(child, end, &seen);
-            self.stack.truncate(end);
+            self.shorten(end);
             if node.entry != OPEN {
                 seen.retain(|e| *e != node.entry);
                 seen.insert(0, node.entry);
@@ -270,10 +273,18 @@ impl Tile<'_> {
     fn descend(&mut self, start: usize, end: usize, q: [i64; 2], size: i64) {
         for k in start..end {
             let i = self.stack[k];
-            if self.rays.locals[i as usize].cover(q[0], q[1], size) != Cover::None {
+            let cover = if self.over[k] { Cover::All } else { self.rays.locals[i as usize].cover(q[0], q[1], size) };
+            if cover != Cover::None {
                 self.stack.push(i);
+                self.over.push(cover == Cover::All);
             }
         }
+    }
+
+    /// Takes what stands above `end` from the stack.
+    fn shorten(&mut self, end: usize) {
+        self.stack.truncate(end);
+        self.over.truncate(end);
     }
 
     /// The exact interval of a texel whose surfaces stand in the stack from `start`.
@@ -308,7 +319,7 @@ impl Tile<'_> {
                     }
                 }
             }
-            self.stack.truncate(end);
+            self.shorten(end);
         }
         let all: Vec<u32> = self.stack[start..end].to_vec();
         let lines = if self.search.lines { self.search.silhouettes(&all, p, 4 * size, 6) } else { Vec::new() };

@@ -342,9 +342,11 @@ impl<'a> Sheet<'a> {
             }
         }
         // entries refer to lower numbers, and what others refer to comes first
-        all.sort_unstable_by_key(|id| (!parts.contains(id), *id));
+        let (mut first, mut rest): (Vec<_>, Vec<_>) = all.into_iter().partition(|id| parts.contains(id));
+        first.sort_unstable();
+        rest.sort_unstable();
         let mut lines = HashSet::default();
-        for id in all {
+        for id in first.into_iter().chain(rest) {
             let class = match palette.get(id) {
                 Entry::Constant(_) => 0,
                 Entry::Plane(_) => 1,
@@ -360,8 +362,8 @@ impl<'a> Sheet<'a> {
             self.used[class].push(id);
         }
         self.used[2].sort_unstable();
-        let numbers = self.used.iter().flatten().zip(0..).map(|(id, n)| (*id, n));
-        self.number = numbers.collect();
+        self.number.reserve(seen.len());
+        self.number.extend(self.used.iter().flatten().zip(0..).map(|(id, n)| (*id, n)));
     }
 
     /// What the page takes, 1/16 word; very much where a number does not fit its field.

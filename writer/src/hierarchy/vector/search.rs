@@ -26,8 +26,10 @@
 mod borders;
 mod continuous;
 mod cuts;
+mod strip;
 mod tip;
 
+use rustc_hash::FxHashMap as HashMap;
 use umbrage_format::projection::UNCOVERED;
 
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, between};
@@ -41,6 +43,8 @@ use crate::interval::{Event, Interval, wide};
 const MOST_CUTS: usize = 4;
 /// Most surfaces of a square that is tried at all.
 const PROOF_LIST: usize = 256;
+/// Intervals of texels that are kept.
+const MOST_INTERVALS: usize = 1 << 14;
 /// Most surfaces of a square that is cut.
 const CUT_LIST: usize = 64;
 /// Maps up to here are so small that the root page holds most of them, where splits and masks can't refer to everything.
@@ -57,6 +61,8 @@ const DOUBTS: usize = 4;
 const MOST_CLOSE: usize = 32;
 /// Side of squares, in texels, from which on the texels of a tip are not looked at one after the other.
 const MANY_TEXELS: i64 = 32;
+/// Side of squares, in texels, from which on the columns of texels at a line are not looked at one after the other.
+const MANY_COLUMNS: i64 = 32;
 /// Area of a strip, in texels, whose centres are looked at one by one.
 const MOST_STRIP: f64 = 64.0;
 /// Difference of two faces' slopes, as a share of them, from which on the edge between them counts.
@@ -151,6 +157,12 @@ pub struct Search<'a> {
     doubtful: Vec<[i64; 2]>,
     close: Vec<[i64; 2]>,
     near: Vec<u32>,
+    /// Which of the tile's surfaces cover the square, of those in its list.
+    covers: Vec<bool>,
+    /// Those of a list.
+    whole: Vec<u32>,
+    /// Intervals of texels that were looked at one by one: the squares around ask for them again.
+    intervals: HashMap<[i64; 2], Interval>,
     /// The square's surfaces.
     list: Vec<u32>,
     scratch: Scratch,
@@ -159,6 +171,7 @@ pub struct Search<'a> {
 impl<'a> Search<'a> {
     /// For one tile.
     pub fn new(rays: Rays<'a>, scale: Scale, guard: u32, edges: &'a [Edges]) -> Self {
+        let covers = vec![false; rays.locals.len()];
         Search {
             rays,
             scale,
@@ -181,6 +194,9 @@ impl<'a> Search<'a> {
             doubtful: Vec::new(),
             close: Vec::new(),
             near: Vec::new(),
+            covers,
+            whole: Vec::new(),
+            intervals: HashMap::default(),
             list: Vec::new(),
             scratch: Scratch::default(),
         }
@@ -201,16 +217,17 @@ impl<'a> Search<'a> {
     }
 
     /// An entry for the tile-relative square, and whether it is proven between the texels' centres, too; `list` holds the
-    /// surfaces that overlap the square, sorted by solid. Entries of `above` are tried first, in this order. Where there is
-    /// none, what was proven of parts of the square is kept for squares in it.
+    /// surfaces that overlap the square, sorted by solid, and `over` which of them cover all of it. Entries of `above` are tried
+    /// first, in this order. Where there is none, what was proven of parts of the square is kept for squares in it.
     pub fn square(
         &mut self,
         palette: &mut Palette,
-        list: &[u32],
+        (list, over): (&[u32], &[bool]),
         p: [i64; 2],
         size: i64,
         above: &[EntryId],
     ) -> Option<(EntryId, bool)> {
+        list.iter().zip(over).for_each(|(i, over)| self.covers[*i as usize] = *over);
         if list.len() > PROOF_LIST {
             return None;
         }
@@ -292,7 +309,8 @@ impl<'a> Search<'a> {
             let mut sides = [OPEN; 2];
             let mut whole = true;
             for (side, h) in [(1, half.beyond()), (0, half)] {
-                let near: Vec<u32> = list.iter().copied().filter(|i| self.reaches(*i, h)).collect();
+                let mut near = Vec::with_capacity(list.len());
+                near.extend(list.iter().copied().filter(|i| self.reaches(*i, h)));
                 path.push((number, side == 0));
                 let id = self.cell(palette, &near, p, size, path);
                 path.pop();
@@ -370,9 +388,17 @@ impl<'a> Search<'a> {
         if let Some(plane) = plane.filter(|p| region.size > texel && self.may_slope(p)) {
             let Region { p, size, lines, .. } = region;
             let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
-            let window = Some(self.window(sheared.shear));
-            if let Some(range) =
-                self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window)
+            let window = self.window(sheared.shear);
+            if self.has_room(&plane, window)
+                && let Some(range) = self.prover.prove_in(
+                    &self.rays,
+                    list,
+                    &self.covers,
+                    sheared,
+                    self.rays.second_surface,
+                    close,
+                    Some(window),
+                )
             {
                 if self.fits(&plane, range) {
                     let id = palette.entry(Entry::Plane(plane));
@@ -387,7 +413,7 @@ impl<'a> Search<'a> {
         if self.may_be_level()
             && let window = Some(self.window([0.0; 2]))
             && let Some((low, high)) =
-                self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close, window)
+                self.prover.prove_in(&self.rays, list, &self.covers, region, self.rays.second_surface, close, window)
             && let Some(v) = self.constant(palette, low, high)
         {
             return Some((palette.entry(Entry::Constant(v)), None));
@@ -399,9 +425,17 @@ impl<'a> Search<'a> {
                 let Region { p, size, lines, .. } = region;
                 let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
                 if self.may_slope(&plane)
-                    && let window = Some(self.window(sheared.shear))
-                    && let Some(range) =
-                        self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window)
+                    && let window = self.window(sheared.shear)
+                    && self.has_room(&plane, window)
+                    && let Some(range) = self.prover.prove_in(
+                        &self.rays,
+                        list,
+                        &self.covers,
+                        sheared,
+                        self.rays.second_surface,
+                        close,
+                        Some(window),
+                    )
                 {
                     if self.fits(&plane, range) {
                         return Some((palette.entry(Entry::Plane(plane)), None));
@@ -439,14 +473,21 @@ impl<'a> Search<'a> {
             region.corners(&mut self.polygon, &mut self.inner);
             places.extend(self.inner.iter().map(|q| (*q, [1, 1])));
         }
-        let met = places.iter().all(|(q, d)| match self.rays.stretch(list, *q, *d, &mut self.ray) {
+        // most surfaces cover all of the square: rays into it, from its border or inside, meet them
+        let (mut whole, mut rest) = (std::mem::take(&mut self.whole), std::mem::take(&mut self.near));
+        whole.clear();
+        rest.clear();
+        for &i in list {
+            if self.covers[i as usize] { whole.push(i) } else { rest.push(i) }
+        }
+        let met = places.iter().all(|(q, d)| match self.rays.stretch_among(&whole, &rest, *q, *d, &mut self.ray) {
             Stretch::Uncovered => false,
             Stretch::Covered { lo, hi } => {
                 self.probes.push((*q, lo, hi));
                 true
             }
         });
-        self.places = places;
+        (self.places, self.whole, self.near) = (places, whole, rest);
         met
     }
 
@@ -543,20 +584,36 @@ impl<'a> Search<'a> {
         match entry {
             Entry::Constant(UNCOVERED) => false,
             Entry::Constant(v) => {
-                let window = window([0.0; 2]);
-                let range = self.prover.prove_in(&self.rays, list, region, self.rays.second_surface, close, window);
                 let guard = i64::from(self.guard);
-                range.is_some_and(|(low, high)| {
+                let fits = |(low, high): (i64, i64)| {
                     low + guard <= i64::from(v)
                         && i64::from(v) <= high - guard
                         && (high - low) as u64 >= wide(self.guard)
-                })
+                };
+                let window = window([0.0; 2]);
+                window.is_none_or(fits)
+                    && self
+                        .prover
+                        .prove_in(&self.rays, list, &self.covers, region, self.rays.second_surface, close, window)
+                        .is_some_and(fits)
             }
             Entry::Plane(plane) => {
                 let Region { p, size, lines, .. } = region;
                 let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
                 let window = window(sheared.shear);
-                let range = self.prover.prove_in(&self.rays, list, sheared, self.rays.second_surface, close, window);
+                // what can be proven lies in the window
+                if window.is_some_and(|window| !self.fits(&plane, window)) {
+                    return false;
+                }
+                let range = self.prover.prove_in(
+                    &self.rays,
+                    list,
+                    &self.covers,
+                    sheared,
+                    self.rays.second_surface,
+                    close,
+                    window,
+                );
                 range.is_some_and(|range| self.fits(&plane, range))
             }
             _ => false,
@@ -568,6 +625,12 @@ impl<'a> Search<'a> {
         let (whole, _) = plane.at(self.rays.corner, self.scale);
         let margin = plane.reach(self.scale).ceil() as i64 + i64::from(self.guard);
         low + margin + 2 <= whole && whole + 1 + margin <= high
+    }
+
+    /// Whether [`Self::fits`] or [`Self::fitted`] may find something in a range within the window.
+    fn has_room(&self, plane: &Plane, (low, high): (i64, i64)) -> bool {
+        let margin = plane.reach(self.scale).ceil() as i64 + i64::from(self.guard);
+        low.saturating_add(margin + 2) <= high.saturating_sub(margin + 1)
     }
 
     /// The plane of the same slope in the middle, if there is room.

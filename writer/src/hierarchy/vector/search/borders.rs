@@ -1,13 +1,17 @@
 //! Texels that cells of a cut square share.
 
-use super::{Cell, Cut, DOUBTS, Search};
+use super::strip::{Band, ROUNDING};
+use super::{Cell, Cut, DOUBTS, MANY_COLUMNS, MOST_INTERVALS, Search};
 use crate::hierarchy::vector::entry::{Entry, EntryId, Palette};
 use crate::hierarchy::vector::segment::{AROUND, border, clip_segment, clip_to_surface};
 use crate::hierarchy::vector::texels::allows;
 use crate::interval::proof::{HalfPlane, Region};
 use crate::interval::texel::texel;
 use crate::interval::triangle::{Cover, Local};
-use crate::interval::{Event, wide};
+use crate::interval::{Event, Interval, wide};
+
+/// Of so many doubtful texels one is looked at before all others.
+const SPREAD: usize = 16;
 
 /// What is known of the texels that two cells share.
 enum Border {
@@ -32,15 +36,15 @@ impl Search<'_> {
                 if same {
                     continue;
                 }
-                match self.border(i, j, p, size) {
+                let few = match self.border(i, j, p, size) {
                     Border::Right => continue,
-                    Border::Empty(part) => self.shared(i, j, p, size, None, part),
+                    Border::Empty(part) => self.shared(i, j, p, size, None, part, most),
                     Border::Unknown => {
                         let far = self.meet_far(i, j, p, size);
-                        self.shared(i, j, p, size, far.as_deref(), None);
+                        self.shared(i, j, p, size, far.as_deref(), None, most)
                     }
-                }
-                if self.doubtful.len() > most {
+                };
+                if few.is_none() {
                     return false;
                 }
             }
@@ -56,7 +60,9 @@ impl Search<'_> {
         let mut doubtful = std::mem::take(&mut self.doubtful);
         doubtful.sort_unstable();
         doubtful.dedup();
-        let right = doubtful.iter().all(|q| self.stored(palette, id, *q).is_some_and(|entry| self.keeps(entry, *q)));
+        // wrong ones lie side by side: some from everywhere first
+        let mut spread = (0..SPREAD).flat_map(|n| doubtful.iter().skip(n).step_by(SPREAD));
+        let right = spread.all(|q| self.stored(palette, id, *q).is_some_and(|entry| self.keeps(entry, *q)));
         self.doubtful = doubtful;
         if right {
             self.edge_texels += edges;
@@ -82,7 +88,8 @@ impl Search<'_> {
     }
 
     /// Puts the texels that both cells may share on the list of those that are looked at one by one, but for those that lie
-    /// in all `far` half-planes, and those inside which the segment `empty` has a part.
+    /// in all `far` half-planes, and those inside which the segment `empty` has a part. None once there are more than `most`.
+    #[expect(clippy::too_many_arguments, reason = "two cells, the square, and what is known of the texels")]
     fn shared(
         &mut self,
         i: usize,
@@ -91,11 +98,12 @@ impl Search<'_> {
         size: i64,
         far: Option<&[HalfPlane]>,
         empty: Option<[[f64; 2]; 2]>,
-    ) {
+        most: usize,
+    ) -> Option<()> {
         let (a, b) = (&self.cells[i], &self.cells[j]);
-        let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return };
+        let Some(at) = a.path.iter().zip(&b.path).position(|(x, y)| x != y) else { return Some(()) };
         let cut = a.path[at].0;
-        let Cut { line, .. } = self.cuts[cut];
+        let Cut { line, inside, .. } = self.cuts[cut];
         let mut lines = self.half_planes(&a.path);
         lines.extend(self.half_planes(&b.path));
         let (u, t) = if line.axis { (1, 0) } else { (0, 1) };
@@ -103,7 +111,8 @@ impl Search<'_> {
         let texel = 1i64 << bits;
         let corner = self.rays.corner.map(|c| c >> bits);
         let (first, count) = (p.map(|v| v >> bits), size >> bits);
-        for n in first[u]..first[u] + count {
+        let doubtful = &mut self.doubtful;
+        let mut look = |n: i64| {
             let place = (corner[u] + n) * 256;
             let ends = [place, place + 256].map(|u| line.boundary(u) - (corner[t] << 20));
             let (low, high) = (ends[0].min(ends[1]) - 8, ends[0].max(ends[1]) + 8);
@@ -117,10 +126,39 @@ impl Search<'_> {
                 }
                 let square = Region { p: q.map(|v| v + 1), size: texel - 2, lines: &[], shear: [0.0; 2] };
                 if empty.is_none_or(|e| clip_segment(e, &square).is_none()) {
-                    self.doubtful.push(q);
+                    doubtful.push(q);
                 }
             }
+            (doubtful.len() <= most).then_some(())
+        };
+        let (mut from, mut to) = (first[u], first[u] + count);
+        if count < MANY_COLUMNS {
+            return (from..to).try_for_each(look);
         }
+        let band = Band::new(&line, corner, first[u], bits);
+        for l in &lines {
+            (from, to) = band.may_reach(l, from, to);
+        }
+        // columns whose texels are not put on the list, but for those that the line hardly touches
+        let mut left_out = (to, to);
+        // three lattice steps: a part of the line that long lies in the texel where it runs through it at all
+        let mut corners = 0.0;
+        if let Some(far) = far {
+            left_out = far.iter().fold((from, to), |(from, to), l| band.surely_in(l, from, to));
+        } else if let Some(ends) = empty {
+            let [low, high] = [ends[0][u].min(ends[1][u]), ends[0][u].max(ends[1][u])].map(|v| v / texel as f64);
+            let off = line.off(&inside, self.rays.corner, p, size, self.scale);
+            corners = (3.0 + off) / texel as f64 + ROUNDING;
+            left_out = (from.max(low.ceil() as i64 + 2), to.min(high.floor() as i64 - 2));
+        }
+        if left_out.0 >= left_out.1 || corners > 0.1 {
+            return (from..to).try_for_each(look);
+        }
+        (from..left_out.0).try_for_each(&mut look)?;
+        if corners > 0.0 {
+            band.near_corners(left_out.0, left_out.1, corners, &mut look)?;
+        }
+        (left_out.1..to).try_for_each(look)
     }
 
     /// Constant or plane that is stored for the texel at `q`; none where pages may tell its side of a line apart.
@@ -139,13 +177,27 @@ impl Search<'_> {
 
     /// Whether a constant or plane lies in the exact interval of the texel at `q` of the square.
     pub(super) fn keeps(&mut self, entry: Entry, q: [i64; 2]) -> bool {
+        let interval = match self.intervals.get(&q) {
+            Some(interval) => *interval,
+            None => self.interval(q),
+        };
+        allows(entry, interval, self.texel_at(q), 0, self.scale)
+    }
+
+    /// The exact interval, less the guard, of the texel at `q` of the square.
+    fn interval(&mut self, q: [i64; 2]) -> Interval {
         let size = 1i64 << self.scale.subtexel_bits;
         self.near.clear();
         let over = |i: &&u32| self.rays.locals[**i as usize].cover(q[0], q[1], size) != Cover::None;
         self.near.extend(self.list.iter().filter(over));
         self.looked += 1;
         let truth = texel(&self.rays, &self.near, q, size, wide(self.guard), &mut self.scratch);
-        allows(entry, truth.interval.guarded(self.guard), self.texel_at(q), 0, self.scale)
+        let interval = truth.interval.guarded(self.guard);
+        if self.intervals.len() >= MOST_INTERVALS {
+            self.intervals.clear();
+        }
+        self.intervals.insert(q, interval);
+        interval
     }
 
     /// What is known of the texels that both cells share.

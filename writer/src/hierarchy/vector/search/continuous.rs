@@ -59,7 +59,7 @@ impl Search<'_> {
     }
 
     /// Whether an entry that was chosen for single texels is right at every place of the square: a constant, a plane,
-    /// or two of them along a silhouette edge.
+    /// or two of them along a silhouette edge. The square is the one that [`Self::square`] was asked for last.
     pub fn is_right(&mut self, palette: &Palette, id: EntryId, list: &[u32], p: [i64; 2], size: i64) -> bool {
         self.cuts.clear();
         let Entry::Split { line, near, beyond } = palette.get(id) else {
@@ -86,7 +86,7 @@ impl Search<'_> {
                 list.iter().all(|i| self.local(*i).event == Event::Wall) && self.is_seen(p, size, path, None)
             }
             Entry::Constant(v) => {
-                let range = self.prover.prove_in(&self.rays, list, region, second, true, None);
+                let range = self.prover.prove_in(&self.rays, list, &self.covers, region, second, true, None);
                 range.is_some_and(|(low, high)| low <= i64::from(v) && i64::from(v) <= high)
                     && self.is_seen(p, size, path, None)
             }
@@ -95,7 +95,7 @@ impl Search<'_> {
                 let (whole, _) = plane.at(self.rays.corner, self.scale);
                 // what pages round, and the plane's rise from p to q
                 let rise = (plane.reach(self.scale) / 2048.0).ceil() as i64;
-                let range = self.prover.prove_in(&self.rays, list, sheared, second, true, None);
+                let range = self.prover.prove_in(&self.rays, list, &self.covers, sheared, second, true, None);
                 if range.is_some_and(|(low, high)| low + rise + 2 <= whole && whole + 1 + rise <= high) {
                     return self.is_seen(p, size, path, None);
                 }
@@ -205,19 +205,29 @@ impl Sight {
 
     /// Whether a place has its q in the cell.
     fn sees(&self, cell: &Polygon, polygon: &mut Polygon, place: [f64; 2], near: Option<Wedge>) -> bool {
-        polygon.clone_from(cell);
-        for (axis, at) in place.into_iter().enumerate() {
-            keep_from(polygon, axis, at - self.reach);
-            keep_to(polygon, axis, at + self.reach);
-        }
+        let [x, y] = place;
+        let mut near_place = [
+            [1.0, 0.0, self.reach - x],
+            [-1.0, 0.0, x + self.reach],
+            [0.0, 1.0, self.reach - y],
+            [0.0, -1.0, y + self.reach],
+            [0.0; 3],
+            [0.0; 3],
+        ];
         if let Some(w) = near {
             let value = w.plane[0] * place[0] + w.plane[1] * place[1] + w.plane[2];
             let [a, b, c] = w.front;
-            polygon.keep_plane(-a, -b, value - 2.0 - w.room - c);
+            near_place[4] = [-a, -b, value - 2.0 - w.room - c];
             let [a, b, c] = w.end;
-            polygon.keep_plane(a, b, c - value - w.room);
+            near_place[5] = [a, b, c - value - w.room];
         }
-        !polygon.corners().is_empty()
+        // mostly a corner of the cell will do
+        let holds = |q: &[f64; 2]| near_place.iter().all(|[a, b, c]| a * q[0] + b * q[1] + c >= 0.0);
+        cell.corners().iter().any(holds) || {
+            polygon.copy(cell);
+            near_place.iter().for_each(|[a, b, c]| polygon.keep_plane(*a, *b, *c));
+            !polygon.corners().is_empty()
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Edges along which a square is cut, and the lines that are stored for them.
 
-use super::{BEND, BLOCK_LEVEL, Cut, MOST_CREASES, Search};
+use super::strip::{Band, ROUNDING};
+use super::{BEND, BLOCK_LEVEL, Cut, MANY_COLUMNS, MOST_CREASES, Search};
 use crate::hierarchy::vector::entry::Line;
 use crate::hierarchy::vector::segment::clip_segment;
 use crate::interval::Event;
@@ -167,16 +168,10 @@ impl Search<'_> {
         let texel = 1i64 << bits;
         let corner = self.rays.corner.map(|c| c >> bits);
         let (first, count) = (p.map(|v| v >> bits), size >> bits);
-        let mut crossed = 0;
-        for n in first[u]..first[u] + count {
-            let place = (corner[u] + n) * 256;
-            let boundary = line.boundary(place + 128) - (corner[t] << 20);
+        let look = |n: i64| {
+            let boundary = line.boundary((corner[u] + n) * 256 + 128) - (corner[t] << 20);
             // the first centre at or beyond the boundary: T = 2^20 t + 2^19
             let at = (boundary - (1 << 19) + (1 << 20) - 1) >> 20;
-            let edge = (line.boundary(place) - (corner[t] << 20)) >> 20;
-            let next = (line.boundary(place + 256) - (corner[t] << 20)) >> 20;
-            let (low, high) = (edge.min(next).max(first[t]), edge.max(next).min(first[t] + count - 1));
-            crossed += (high - low + 1).max(0) as u64;
             for (c, is_beyond) in [(at, true), (at - 1, false)] {
                 if c < first[t] || c >= first[t] + count {
                     continue;
@@ -201,12 +196,73 @@ impl Search<'_> {
                     return None;
                 }
             }
+            Some(())
+        };
+        let (from, to) = (first[u], first[u] + count);
+        // the stored line and the exact one lie so close that they can only differ on centres within this
+        let off = line.off(&inside, self.rays.corner, p, size, self.scale) / texel as f64 + ROUNDING;
+        if count >= MANY_COLUMNS && off < 0.1 {
+            Band::new(&line, corner, from, bits).near_centres(from, to, off, look)?;
+        } else {
+            (from..to).try_for_each(look)?;
         }
-        Some(crossed)
+        let row = |n: i64| (line.boundary((corner[u] + n) * 256) - (corner[t] << 20)) >> 20;
+        Some(crossed(row, (from, to), (first[t], first[t] + count - 1)))
     }
 
     /// Silhouette edges through the square.
     pub fn silhouettes(&self, list: &[u32], p: [i64; 2], size: i64, most: usize) -> Vec<Line> {
         self.candidates(list, Region::square(p, size), &[]).into_iter().take(most).map(|c| c.cut.line).collect()
+    }
+}
+
+/// Texels of the rows `low..=high` that a line crosses in the columns `from..to`: it is in `row(n)` at the beginning of column n, and
+/// these rows rise or fall all along.
+fn crossed(row: impl Fn(i64) -> i64, (from, to): (i64, i64), (low, high): (i64, i64)) -> u64 {
+    let ends = [row(from), row(to)].map(|r| r.clamp(low, high));
+    // how many columns, of the first ones, are such
+    let count = |is_such: &dyn Fn(i64) -> bool| {
+        let (mut some, mut all) = (from, to);
+        while some < all {
+            let n = some + (all - some) / 2;
+            (some, all) = if is_such(n) { (n + 1, all) } else { (some, n) };
+        }
+        some - from
+    };
+    let columns = if row(from) <= row(to) {
+        count(&|n| row(n) <= high) - count(&|n| row(n + 1) < low)
+    } else {
+        count(&|n| row(n) >= low) - count(&|n| row(n + 1) > high)
+    };
+    (columns + (ends[1] - ends[0]).abs()) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crossed_texels_are_counted_as_by_looking_at_each_column() {
+        let mut state = 5u64;
+        let mut dice = |n: i64| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) as i64 % n
+        };
+        let mut seen = [0; 3];
+        for _ in 0..4000 {
+            let (m, c) = (dice(2049) - 1024, dice(80_000) - 40_000);
+            let row = |n: i64| (c + m * n) >> 10;
+            let from = dice(40) - 20;
+            let (to, low) = (from + 1 + dice(40), dice(20) - 10);
+            let high = low + dice(30);
+            let column = |n: i64| {
+                let (a, b) = (row(n).min(row(n + 1)).max(low), row(n).max(row(n + 1)).min(high));
+                (b - a + 1).max(0) as u64
+            };
+            let all: u64 = (from..to).map(column).sum();
+            assert_eq!(crossed(row, (from, to), (low, high)), all, "{m} {c} {from}..{to} {low}..={high}");
+            seen[usize::from(all > 0) + usize::from(all as i64 > to - from)] += 1;
+        }
+        assert!(seen.iter().all(|n| *n > 200), "{seen:?}");
     }
 }

@@ -1,16 +1,17 @@
 //! Cells at silhouettes, where the front of a stretch and its end meet.
 
+use super::strip::strip;
 use super::{MANY_TEXELS, MOST_CLOSE, MOST_STRIP, MOST_TIPS, Search, Tip};
 use crate::hierarchy::vector::entry::Entry;
-use crate::interval::proof::{HalfPlane, Region};
+use crate::interval::proof::{HalfPlane, Region, strictly_behind};
 use crate::interval::{Event, ceil};
 
 impl Search<'_> {
-    /// Whether the surface covers the part of the region, alone or with the flattest neighbour: then that one, and the most that
-    /// it lies off this one's plane there, in depth.
-    fn covers(&mut self, list: &[u32], region: &Region<'_>, i: u32, part: [f64; 3]) -> Option<(u32, f64)> {
+    /// Whether the surface covers the polygon, a part of the region, alone or with the flattest neighbour: then that one, and the
+    /// most that it lies off this one's plane there, in depth.
+    fn covers(&self, list: &[u32], region: &Region<'_>, i: u32) -> Option<(u32, f64)> {
         let l = &self.rays.locals[i as usize];
-        if self.polygon.covered(&self.rays, l, region, 3, part) {
+        if self.polygon.covered(&self.rays, l, region, 3) {
             return Some((i, 0.0));
         }
         for (k, mate) in (0u8..).zip(self.edges[l.index as usize].across).filter(|a| a.1 != u32::MAX) {
@@ -20,13 +21,11 @@ impl Search<'_> {
             let m = &self.rays.locals[other as usize];
             let shared = self.edges[m.index as usize].across.iter().position(|b| *b == l.index);
             let Some(shared) = shared else { continue };
-            if !self.polygon.covered(&self.rays, l, region, k, part)
-                || !self.polygon.covered(&self.rays, m, region, shared as u8, part)
+            if !self.polygon.covered(&self.rays, l, region, k)
+                || !self.polygon.covered(&self.rays, m, region, shared as u8)
             {
                 continue;
             }
-            self.polygon.region(region);
-            self.polygon.keep_plane(part[0], part[1], part[2]);
             let (low, high) = self.polygon.range(m.z0 - l.z0, m.sx - l.sx, m.sy - l.sy);
             return Some((other, low.abs().max(high.abs()) + m.eps + l.eps));
         }
@@ -40,30 +39,34 @@ impl Search<'_> {
         let f = &self.rays.locals[tip.front as usize];
         let near = |far: f64| [f.sx - e.sx, f.sy - e.sy, far - (e.z0 - f.z0)];
         // a first guess without what the faces' neighbours add
-        let part = near(1.2 * self.far(tip, 0.0));
-        let (front, bend) = self.covers(list, &region, tip.front, part)?;
-        let (end, more) = self.covers(list, &region, tip.end, part)?;
+        let [a, b, c] = near(1.2 * self.far(tip, 0.0));
+        self.polygon.region(&region);
+        self.polygon.keep_plane(a, b, c);
+        let (front, bend) = self.covers(list, &region, tip.front)?;
+        let (end, more) = self.covers(list, &region, tip.end)?;
         let bend = bend + more;
         if 4.0 * bend > 0.2 * self.far(tip, 0.0) {
             return None;
         }
         let other_end = &self.rays.locals[end as usize];
-        self.polygon.region(&region);
-        self.polygon.keep_plane(part[0], part[1], part[2]);
         let between = self.polygon.range(e.z0 - f.z0, e.sx - f.sx, e.sy - f.sy).0;
         // the margin of the region reaches beyond the line where both meet
         let slack = (e.sx - f.sx).abs() + (e.sy - f.sy).abs() + 2.0 * (e.eps + f.eps);
         if between < -slack - bend {
             return None;
         }
-        let part = near(self.far(tip, bend));
+        let [a, b, c] = near(self.far(tip, bend));
+        self.polygon.region(&region);
+        self.polygon.keep_plane(a, b, c);
+        let (near, spare) = (&self.polygon, &mut self.part);
         let sound = list.iter().all(|i| {
             let t = &self.rays.locals[*i as usize];
+            let covers = self.covers[*i as usize];
             [tip.front, tip.end, front, end].contains(i)
                 || t.event == Event::Wall
                 || t.zmin > e.zmax.max(other_end.zmax)
-                || (self.polygon.strictly_behind(t, e, &region, part)
-                    && (end == tip.end || self.polygon.strictly_behind(t, other_end, &region, part)))
+                || (strictly_behind((t, covers), e, &region, near, spare)
+                    && (end == tip.end || strictly_behind((t, covers), other_end, &region, near, spare)))
         });
         if !sound {
             return None;
@@ -243,65 +246,6 @@ impl Search<'_> {
     }
 }
 
-/// Each integer (row, column) in a strip, by rows from `first` to `last`: it begins where `begins` says in a row, `step` further
-/// from row to row, and ends `width` behind. None as soon as `each` says so.
-fn strip(
-    first: i64,
-    last: i64,
-    begins: impl Fn(i64) -> f64,
-    step: f64,
-    width: f64,
-    mut each: impl FnMut(i64, i64) -> Option<()>,
-) -> Option<()> {
-    let mut row = first;
-    while let Some(next) = next_hit(begins(row), step, width, last - row) {
-        row += next;
-        // a strip may be wider than a column
-        for column in ceil(begins(row))..=-ceil(-begins(row) - width) {
-            each(row, column)?;
-        }
-        row += 1;
-    }
-    Some(())
-}
-
-/// The first row, of those up to `last`, in which an integer lies at most `width` behind where a strip begins: at `begin` in row
-/// 0, and `step` further from row to row.
-fn next_hit(begin: f64, step: f64, width: f64, last: i64) -> Option<i64> {
-    if last < 0 {
-        return None;
-    }
-    // fractions of one in 2^60; what rounding makes over the rows is far below a strip's width
-    const ONE: u128 = 1 << 60;
-    let fraction = |x: f64| ((x - x.floor()) * ONE as f64) as u128 % ONE;
-    // (start + n per row) mod 1 is how far the next integer lies behind the beginning
-    let (start, each) = (fraction(-begin), fraction(-step));
-    let width = (width * ONE as f64) as u128;
-    if start <= width {
-        return Some(0);
-    }
-    let (low, high) = (ONE - start, ONE - start + width);
-    let row = if high >= ONE { first_multiple(each, ONE, low, ONE - 1) } else { first_multiple(each, ONE, low, high) };
-    row.and_then(|r| i64::try_from(r).ok()).filter(|r| *r <= last)
-}
-
-/// The smallest n with `low <= a n mod m <= high`; `0 < low <= high < m` and `a < m < 2^62`.
-fn first_multiple(a: u128, m: u128, low: u128, high: u128) -> Option<u128> {
-    if a == 0 {
-        return None;
-    }
-    if 2 * a > m {
-        return first_multiple(m - a, m, m - high, m - low);
-    }
-    let n = low.div_ceil(a);
-    if n * a <= high {
-        return Some(n);
-    }
-    // no multiple of a lies between: how often m has to be gone around
-    let around = first_multiple((a - m % a) % a, a, low % a, high % a)?;
-    Some((low + m * around).div_ceil(a))
-}
-
 /// Front, end and plane of a tip as linear functions, tile-relative.
 struct TipPlane {
     front: (f64, f64, f64),
@@ -375,82 +319,5 @@ impl TipPlane {
             (at(self.plane, *p) - at(self.front, *p) - self.guard - 3.0 - gap * self.part).abs()
         };
         corners.iter().map(off).fold(0.0, f64::max)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn strips_of_any_width_are_looked_at_whole() {
-        let mut state = 3u64;
-        let mut dice = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1u64 << 53) as f64
-        };
-        let mut most = [0; 4];
-        for n in 0..2000 {
-            let (begin, step, width) = (dice() * 40.0 - 20.0, dice() * 2.0 - 1.0, dice() * f64::from(n % 4 + 1));
-            let first = (dice() * 9.0) as i64 - 4;
-            let (last, begins) = (first + (dice() * 60.0) as i64 - 2, |row: i64| begin + step * row as f64);
-            let mut found = Vec::new();
-            let add = |r, c| {
-                found.push((r, c));
-                Some(())
-            };
-            assert!(strip(first, last, begins, step, width, add).is_some());
-            let all = (first..=last).flat_map(|r| (-120..120).map(move |c| (r, c)));
-            let behind = |(r, c): &(i64, i64)| *c as f64 - begins(*r);
-            // what rounding may put on either side
-            let inside: Vec<_> = all.filter(|p| behind(p) >= 1e-9 && behind(p) <= width - 1e-9).collect();
-            assert!(inside.iter().all(|p| found.contains(p)), "{begin} {step} {width} {first} {last}");
-            assert!(found.iter().all(|p| behind(p) >= -1e-9 && behind(p) <= width + 1e-9));
-            let in_row = |r: i64| inside.iter().filter(|p| p.0 == r).count();
-            most[n as usize % 4] = (first..=last).map(in_row).max().unwrap_or(0).max(most[n as usize % 4]);
-        }
-        assert_eq!(most, [1, 2, 3, 4]);
-        let mut looked = 0;
-        assert_eq!(
-            strip(
-                0,
-                9,
-                |_| 0.5,
-                0.0,
-                2.0,
-                |_, _| {
-                    looked += 1;
-                    (looked < 5).then_some(())
-                }
-            ),
-            None
-        );
-        assert_eq!(looked, 5);
-    }
-
-    #[test]
-    fn rows_with_an_integer_in_the_strip_are_found_as_by_looking_at_each() {
-        let mut state = 1u64;
-        let mut dice = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1u64 << 53) as f64
-        };
-        let (mut hits, mut none) = (0, 0);
-        for n in 0..4000 {
-            let (begin, step) = (dice() * 4000.0 - 2000.0, if n % 7 == 0 { 0.5 } else { dice() * 2.0 - 1.0 });
-            let (width, last) = (dice() * dice() * dice() * 0.3, (dice() * 300.0) as i64 - 2);
-            let slow = |slack: f64| {
-                (0..=last).find(|r| {
-                    let from = begin + step * *r as f64 - slack;
-                    from.ceil() <= from + width + 2.0 * slack
-                })
-            };
-            let found = next_hit(begin, step, width, last);
-            let (wide, narrow) = (slow(1e-9), slow(-1e-9));
-            assert!(found == wide || found == narrow, "{begin} {step} {width} {last}: {found:?} {wide:?} {narrow:?}");
-            hits += u32::from(found.is_some());
-            none += u32::from(found.is_none());
-        }
-        assert!(hits > 500 && none > 500, "{hits} {none}");
     }
 }
