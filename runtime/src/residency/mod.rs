@@ -45,7 +45,7 @@ use budget::{BLOCK_BYTES, MAX_DIRTY};
 use failure::Failures;
 use heirs::Heirs;
 use resident::{Resident, Residents};
-use slots::{BLOCK_WORDS, Slots, UNIT_WORDS, class_of, slot_words};
+use slots::{BLOCK_WORDS, Gathered, Moved, Slots, UNIT_WORDS, taken};
 use span::Spans;
 
 /// Rounds for which a page is kept that has come and can't have been used yet: feedback is late by that much.
@@ -301,7 +301,7 @@ impl Residency {
         if self.queue.is_empty() {
             return out;
         }
-        let slot = |w: &Want| w.words.and_then(class_of).map_or(u64::from(BLOCK_WORDS), |c| slot_words(c).into());
+        let slot = |w: &Want| u64::from(w.words.map_or(BLOCK_WORDS, taken));
         let coming = self.wants.values().filter(|w| matches!(w.state, State::Loading | State::Ready(_)));
         let mut coming: u64 = coming.map(slot).sum();
         let (free, past) = (self.slots.free_words(), self.residents.past_words());
@@ -393,13 +393,13 @@ impl Residency {
             // Its words may be there already, in a page of the version before.
             let heir = page.hash.filter(|_| page.words.is_empty()).and_then(|_| self.heir(ordinal));
             let lost = page.words.is_empty() && heir.is_none();
-            let class = class_of(page.words.len() as u32).filter(|_| !orphan && !lost);
+            let length = page.words.len() as u32;
             let mut needs = page.dependencies.clone();
             needs.extend(parent);
-            let Some(class) = class else {
+            if orphan || lost || length > BLOCK_WORDS {
                 self.unready(ordinal, None);
                 continue;
-            };
+            }
             // They must not make room for the page that needs them.
             needs.iter().for_each(|&n| self.residents.touch(n, self.round));
             if needs.iter().any(|&n| !self.is_resident(n)) {
@@ -409,7 +409,7 @@ impl Residency {
             let place = if let Some(heir) = heir {
                 self.inherit(heir, ordinal)
             } else {
-                match self.make_room(class, (depth, needed), &mut frame) {
+                match self.make_room(length, (depth, needed), &mut frame) {
                     Room::Found => {}
                     Room::NotNow => break,
                     Room::None => {
@@ -417,7 +417,7 @@ impl Residency {
                         continue;
                     }
                 }
-                self.slots.alloc(class, ordinal).map(|at| (at, page_bytes as u32 / 4))
+                self.slots.alloc(length, ordinal).map(|at| (at, length))
             };
             let Some((at, words)) = place else { continue };
             let Some(page) = self.unready(ordinal, None) else { continue };
@@ -464,9 +464,8 @@ impl Residency {
             if bytes > self.config.frame_bytes || self.dirty.len() as u64 >= MAX_DIRTY {
                 return;
             }
-            let Some(class) = class_of(words) else { return };
             // Whoever goes, the roots stay.
-            match self.make_room(class, (0, true), frame) {
+            match self.make_room(words, (0, true), frame) {
                 Room::Found => {}
                 // What was used a moment ago goes when it has had its time.
                 Room::NotNow | Room::None => return,
@@ -475,7 +474,7 @@ impl Residency {
                 // It went itself.
                 continue;
             }
-            let Some(to) = self.slots.alloc(class, ordinal) else { return };
+            let Some(to) = self.slots.alloc(words, ordinal) else { return };
             self.slots.free(from);
             self.residents.relocate(ordinal, to);
             frame.ops.push(Op::Move { from, to, words });
@@ -536,28 +535,26 @@ impl Residency {
         Some(page)
     }
 
-    /// Room for a page of a class; where there is none whoever goes, everybody stays: what was evicted for nothing would
+    /// Room for a page of so many words; where there is none whoever goes, everybody stays: what was evicted for nothing would
     /// be read again, for ever.
-    fn make_room(&mut self, class: u8, (depth, needed): (u32, bool), frame: &mut Frame) -> Room {
+    fn make_room(&mut self, words: u32, (depth, needed): (u32, bool), frame: &mut Frame) -> Room {
         let mut gone = Vec::new();
         let room = loop {
-            if self.slots.has_room(class) {
+            if self.slots.has_room(words) {
                 break Room::Found;
             }
-            // A compaction changes as many entries as a block has slots.
-            let dirty = (self.dirty.len() + gone.len()) as u64;
-            if dirty + u64::from(BLOCK_WORDS / UNIT_WORDS) + 1 > MAX_DIRTY {
+            // Each page that goes or is moved changes an entry, and the newcomer does.
+            let Some(left) = (MAX_DIRTY as usize).checked_sub(self.dirty.len() + gone.len() + 2) else {
                 break Room::NotNow;
-            }
-            // It frees a block, which is room for any class.
-            if let Some(moved) = self.slots.compact() {
-                for m in moved {
-                    let words = self.residents.relocate(m.owner, m.to);
-                    frame.ops.push(Op::Move { from: m.from, to: m.to, words });
-                    self.dirty.insert(m.owner);
-                    self.stats.moved += 1;
+            };
+            match self.slots.gather(words, left) {
+                Gathered::Room(moved) => {
+                    self.follow(&moved, frame);
+                    break Room::Found;
                 }
-                continue;
+                // What takes more than a whole frame is not waited for.
+                Gathered::Later if !self.dirty.is_empty() => break Room::NotNow,
+                Gathered::Later | Gathered::None => {}
             }
             let Some(victim) = self.residents.victim(depth, needed) else { break Room::None };
             if let Some(page) = self.residents.remove(victim) {
@@ -568,7 +565,7 @@ impl Residency {
         if matches!(room, Room::None) {
             // Parents went after their children.
             for (ordinal, page) in gone.into_iter().rev() {
-                self.slots.take_back(page.at, ordinal);
+                self.slots.take_back(page.at, page.words, ordinal);
                 self.residents.insert(ordinal, page);
             }
             return room;
@@ -579,6 +576,21 @@ impl Residency {
             self.dirty.insert(ordinal);
         }
         room
+    }
+
+    /// Tells executors of pages that were moved. Steps do not overlap: a page goes in pieces as long as its way, the nearest to
+    /// its new place first.
+    fn follow(&mut self, moved: &[Moved], frame: &mut Frame) {
+        for &Moved { owner, from, to } in moved {
+            let words = self.residents.relocate(owner, to);
+            let step = from.abs_diff(to).min(words).max(1);
+            // Pages of a block move towards its front.
+            for at in (0..words).step_by(step as usize) {
+                frame.ops.push(Op::Move { from: from + at, to: to + at, words: step.min(words - at) });
+            }
+            self.dirty.insert(owner);
+            self.stats.moved += 1;
+        }
     }
 
     /// Forgets what nobody asks for any more; takes up again what was parked or waited.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use umbrage_reader::query::Bounds;
 
-use super::slots::{class_of, slot_words};
+use super::slots::taken;
 use super::{Child, GRACE};
 
 /// No place.
@@ -46,9 +46,9 @@ pub struct Resident {
 }
 
 impl Resident {
-    /// Words of its slot.
+    /// Words that it takes.
     fn slot(&self) -> u64 {
-        class_of(self.words).map_or(0, |c| slot_words(c).into())
+        taken(self.words).into()
     }
 
     fn may_go(&self) -> bool {

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use umbrage_reader::query::Bounds;
 
 use super::budget::BLOCK_BYTES;
-use super::slots::{BLOCK_WORDS, class_of, slot_words};
+use super::slots::{BLOCK_WORDS, UNIT_WORDS, class_of, slot_words, taken};
 use super::*;
 
 /// A made-up structure: pages in level order, each with its first child, its children and its length.
@@ -155,7 +155,7 @@ impl World {
             assert_eq!((page.words, page.at + words <= self.pool.len() as u32), (words, true));
             // Its words are in its slot, whatever was moved meanwhile.
             assert!(self.pool[page.at as usize..][..words as usize].iter().all(|&w| w == ordinal));
-            spans.push((page.at, page.at + slot_words(class_of(words).unwrap())));
+            spans.push((page.at, page.at + taken(words)));
             assert!(page.needs.iter().all(|&n| r.is_resident(n)), "a page without its parent");
             let dependents = r.residents.iter().filter(|(_, p)| p.needs.contains(&ordinal)).count();
             assert_eq!(page.dependents as usize, dependents);
@@ -274,12 +274,15 @@ fn too_much_is_wanted_and_the_state_says_so() {
 #[test]
 fn nobody_goes_for_a_page_that_finds_no_room_all_the_same() {
     // The root's block, and one for page 1 and its children: page 2 wants a block, and page 1 stays.
-    let records = vec![(1, 2, 64), (3, 3, 128), (6, 0, BLOCK_WORDS), (6, 0, 128), (6, 0, 128), (6, 0, 128)];
+    let records = vec![(1, 2, BLOCK_WORDS), (3, 3, 128), (6, 0, BLOCK_WORDS), (6, 0, 128), (6, 0, 128), (6, 0, 128)];
     let mut world = World::new(Pages { records, roots: 1 }, 2);
     let left: Vec<usize> = (0..100).map(|_| world.frame(&[3, 4, 5, 2], |_| false)).collect();
     assert_eq!(left[20..], [1; 80]);
     let stats = world.residency.stats();
-    assert_eq!((stats.evicted, stats.admitted, stats.resident, stats.resident_words), (0, 5, 5, 64 + 4 * 128));
+    assert_eq!(
+        (stats.evicted, stats.admitted, stats.resident, stats.resident_words),
+        (0, 5, 5, u64::from(BLOCK_WORDS) + 4 * 128)
+    );
     // They go as ever once nobody uses them.
     assert!((0..40).any(|_| world.frame(&[2], |_| false) == 0));
     assert_eq!((world.residency.stats().evicted, world.residency.stats().resident), (4, 2));
