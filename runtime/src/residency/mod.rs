@@ -6,10 +6,11 @@
 //! table entries ([`Residency::frame`]), which any executor can carry out in order.
 //!
 //! - A page is admitted only while its parent and its dependencies live, and outlives none of them.
-//! - Roots are pinned. Of the others the least recently used goes first; one that was used in the latest round goes
-//!   only for a page that is needed now and nearer to the root, which answers more.
-//! - What weighs most comes first: the weight of a page is the sum over the receivers that miss it of their error on the
-//!   screen. What finds no room is parked and counted ([`Stats::starved`]).
+//! - What is worth most comes first: the weight of a page is the sum over the receivers that miss it of their error on the
+//!   screen, its worth that weight for each of its words. What finds no room is parked and counted ([`Stats::starved`]).
+//! - Roots are pinned. Of the others the least recently used goes first, once nobody has used it for some rounds; one that is in
+//!   use goes only for a page that is needed now and worth more than twice what it was when it came. So what does not
+//!   fit does not go round in a circle.
 //! - A page that fails is tried again after 2, 4, … 256 frames.
 //!
 //! - Several structures share pool and page table ([`Residency::attach`]): ordinals are places in that table. They come and
@@ -50,6 +51,10 @@ use span::Spans;
 
 /// Rounds for which a page is kept that has come and can't have been used yet: feedback is late by that much.
 const GRACE: u64 = 3;
+/// Words by which weights are measured, so that a weight of 1 is worth something in the largest page.
+const WORTH_WORDS: u64 = BLOCK_WORDS as u64;
+/// Rounds for which a page that was used keeps its place from pages that are worth no more.
+const KEPT: u64 = 8;
 /// Rounds after which a page is no longer wanted that nobody asks for.
 const PATIENCE: u64 = 6;
 /// Frames for which a page is parked that found no room.
@@ -79,7 +84,7 @@ struct Want {
     state: State,
 }
 
-/// Order of loads and admissions: what is needed now before what is foreseen, then what weighs most, then coarse pages.
+/// Order of loads and admissions: what is needed now before what is foreseen, then what is worth most, then coarse pages.
 type Rank = (Reverse<(bool, u32)>, u32, u32);
 
 impl Want {
@@ -88,8 +93,19 @@ impl Want {
         self.words.map_or(BLOCK_BYTES, |w| u64::from(w) * 4)
     }
 
+    /// Words that it takes in the pool.
+    fn room(&self) -> u64 {
+        u64::from(self.words.map_or(BLOCK_WORDS, taken))
+    }
+
+    /// Its weight for the room that it takes.
+    fn worth(&self) -> u32 {
+        let worth = u64::from(self.weight) * WORTH_WORDS / self.room();
+        u32::try_from(worth).unwrap_or(u32::MAX)
+    }
+
     fn rank(&self, ordinal: u32) -> Rank {
-        (Reverse((self.needed, self.weight)), self.depth, ordinal)
+        (Reverse((self.needed, self.worth())), self.depth, ordinal)
     }
 }
 
@@ -222,8 +238,9 @@ impl Residency {
         }
         let words = self.told(ordinal).map(|c| c.words);
         let want = self.wants.entry(ordinal).or_insert_with(|| {
-            self.queue.insert((Reverse((needed, weight)), depth, ordinal));
-            Want { depth, asked, weight, needed, words, state: State::Queued }
+            let want = Want { depth, asked, weight, needed, words, state: State::Queued };
+            self.queue.insert(want.rank(ordinal));
+            want
         });
         let (before, again) = (want.rank(ordinal), want.asked == asked);
         // What was said in this round stays if it is more; what was said in an earlier one is forgotten.
@@ -301,22 +318,24 @@ impl Residency {
         if self.queue.is_empty() {
             return out;
         }
-        let slot = |w: &Want| u64::from(w.words.map_or(BLOCK_WORDS, taken));
         let coming = self.wants.values().filter(|w| matches!(w.state, State::Loading | State::Ready(_)));
-        let mut coming: u64 = coming.map(slot).sum();
+        let mut coming: u64 = coming.map(Want::room).sum();
         let (free, past) = (self.slots.free_words(), self.residents.past_words());
-        while let Some(&(_, depth, ordinal)) = self.queue.first() {
+        while let Some(&(_, _, ordinal)) = self.queue.first() {
             let bytes = self.wants.get(&ordinal).map_or(0, Want::bytes);
             if self.loading_bytes + bytes + self.ready_bytes > self.config.host_bytes {
                 break;
             }
             self.queue.pop_first();
             let Some(want) = self.wants.get_mut(&ordinal) else { continue };
-            let words = slot(want);
-            // What would come and find no place would be read again, for ever. Where pages that are in use must go for it,
-            // one at a time is tried.
-            let room = coming + words <= free + past;
-            let hopeless = !room && (coming != 0 || self.residents.victim(depth, want.needed).is_none());
+            let words = want.room();
+            // What would come and find no place would be read again, for ever. Where pages must go with others above them, which
+            // are not counted, one at a time is tried.
+            let mut room = free + past;
+            if coming + words > room && want.needed {
+                room += self.residents.lesser_words(want.worth());
+            }
+            let hopeless = coming + words > room && (coming != 0 || past == 0);
             if hopeless {
                 // Reading what can't be kept would only wear the disk.
                 want.state = State::Parked(self.frames + PARKED);
@@ -345,10 +364,10 @@ impl Residency {
         self.loading -= 1;
         self.loading_bytes -= want.bytes();
         self.ready_bytes += page.words.len() as u64 * 4;
-        self.ready.insert(want.rank(page.ordinal));
         if !page.words.is_empty() {
             want.words = Some(page.words.len() as u32);
         }
+        self.ready.insert(want.rank(page.ordinal));
         want.state = State::Ready(page);
     }
 
@@ -380,8 +399,9 @@ impl Residency {
         let mut bytes = 0;
         let ready = if self.frozen == 0 { self.ready.clone() } else { BTreeSet::new() };
         for (_, depth, ordinal) in ready {
-            let Some(Want { state: State::Ready(page), needed, .. }) = self.wants.get(&ordinal) else { continue };
-            let needed = *needed;
+            let Some(want) = self.wants.get(&ordinal) else { continue };
+            let State::Ready(page) = &want.state else { continue };
+            let (worth, needed) = (want.worth(), want.needed);
             let page_bytes = page.words.len() as u64 * 4;
             if bytes + page_bytes > self.config.frame_bytes || self.dirty.len() as u64 >= MAX_DIRTY {
                 break;
@@ -407,9 +427,9 @@ impl Residency {
                 continue;
             }
             let place = if let Some(heir) = heir {
-                self.inherit(heir, ordinal)
+                self.inherit(heir, ordinal).map(|p| (p.at, p.words))
             } else {
-                match self.make_room(length, (depth, needed), &mut frame) {
+                match self.make_room(length, (worth, needed, &needs), &mut frame) {
                     Room::Found => {}
                     Room::NotNow => break,
                     Room::None => {
@@ -424,7 +444,7 @@ impl Residency {
             bytes += page_bytes;
             self.stats.uploaded_bytes += page_bytes;
             let upload = page.words.clone();
-            self.settle(page, [at, words], depth, needs, root);
+            self.settle(page, [at, words], [depth, worth], needs, root);
             if heir.is_none() {
                 frame.ops.push(Op::Upload { at, words: upload });
             }
@@ -465,7 +485,7 @@ impl Residency {
                 return;
             }
             // Whoever goes, the roots stay.
-            match self.make_room(words, (0, true), frame) {
+            match self.make_room(words, (u32::MAX, true, &[]), frame) {
                 Room::Found => {}
                 // What was used a moment ago goes when it has had its time.
                 Room::NotNow | Room::None => return,
@@ -484,7 +504,14 @@ impl Residency {
     }
 
     /// A page lives from now on, in words `words` from word `at` on.
-    fn settle(&mut self, page: LoadedPage, [at, words]: [u32; 2], depth: u32, needs: Vec<u32>, pinned: bool) {
+    fn settle(
+        &mut self,
+        page: LoadedPage,
+        [at, words]: [u32; 2],
+        [depth, worth]: [u32; 2],
+        needs: Vec<u32>,
+        pinned: bool,
+    ) {
         self.stats.admitted += 1;
         self.stats.resident_words += u64::from(words);
         self.dirty.insert(page.ordinal);
@@ -499,6 +526,7 @@ impl Residency {
             child_count: page.child_count,
             children: page.children,
             depth,
+            worth,
             stamp: self.round + GRACE,
             dependents: 0,
             needs,
@@ -537,7 +565,7 @@ impl Residency {
 
     /// Room for a page of so many words; where there is none whoever goes, everybody stays: what was evicted for nothing would
     /// be read again, for ever.
-    fn make_room(&mut self, words: u32, (depth, needed): (u32, bool), frame: &mut Frame) -> Room {
+    fn make_room(&mut self, words: u32, (worth, needed, spare): (u32, bool, &[u32]), frame: &mut Frame) -> Room {
         let mut gone = Vec::new();
         let room = loop {
             if self.slots.has_room(words) {
@@ -556,7 +584,7 @@ impl Residency {
                 Gathered::Later if !self.dirty.is_empty() => break Room::NotNow,
                 Gathered::Later | Gathered::None => {}
             }
-            let Some(victim) = self.residents.victim(depth, needed) else { break Room::None };
+            let Some(victim) = self.residents.victim(worth, needed, spare) else { break Room::None };
             if let Some(page) = self.residents.remove(victim) {
                 self.slots.free(page.at);
                 gone.push((victim, page));
