@@ -6,8 +6,8 @@
 //! table entries ([`Residency::frame`]), which any executor can carry out in order.
 //!
 //! - A page is admitted only while its parent and its dependencies live, and outlives none of them.
-//! - What is worth most comes first: the weight of a page is the sum over the receivers that miss it of their error on the
-//!   screen, its worth that weight for each of its words. What finds no room is parked and counted ([`Stats::starved`]).
+//! - What weighs most comes first: the weight of a page is the sum over the receivers that miss it of their error on the
+//!   screen; its worth is that weight for each of its words. What finds no room is parked and counted ([`Stats::starved`]).
 //! - Roots are pinned. Of the others the least recently used goes first, once nobody has used it for some rounds; one that is in
 //!   use goes only for a page that is needed now and worth more than twice what it was when it came. So what does not
 //!   fit does not go round in a circle.
@@ -84,7 +84,7 @@ struct Want {
     state: State,
 }
 
-/// Order of loads and admissions: what is needed now before what is foreseen, then what is worth most, then coarse pages.
+/// Order of loads and admissions: what is needed now before what is foreseen, then what weighs most, then coarse pages.
 type Rank = (Reverse<(bool, u32)>, u32, u32);
 
 impl Want {
@@ -105,7 +105,7 @@ impl Want {
     }
 
     fn rank(&self, ordinal: u32) -> Rank {
-        (Reverse((self.needed, self.worth())), self.depth, ordinal)
+        (Reverse((self.needed, self.weight)), self.depth, ordinal)
     }
 }
 
