@@ -6,10 +6,11 @@
 //! table entries ([`Residency::frame`]), which any executor can carry out in order.
 //!
 //! - A page is admitted only while its parent and its dependencies live, and outlives none of them.
-//! - Roots are pinned. Of the others the least recently used goes first; one that was used in the latest round goes
-//!   only for a page that is needed now and nearer to the root, which answers more.
 //! - What weighs most comes first: the weight of a page is the sum over the receivers that miss it of their error on the
-//!   screen. What finds no room is parked and counted ([`Stats::starved`]).
+//!   screen; its worth is that weight for each of its words. What finds no room is parked and counted ([`Stats::starved`]).
+//! - Roots are pinned. Of the others the least recently used goes first, once nobody has used it for some rounds; one that is in
+//!   use goes only for a page that is needed now and worth more than twice what it was when it came. So what does not
+//!   fit does not go round in a circle.
 //! - A page that fails is tried again after 2, 4, … 256 frames.
 //!
 //! - Several structures share pool and page table ([`Residency::attach`]): ordinals are places in that table. They come and
@@ -45,11 +46,15 @@ use budget::{BLOCK_BYTES, MAX_DIRTY};
 use failure::Failures;
 use heirs::Heirs;
 use resident::{Resident, Residents};
-use slots::{BLOCK_WORDS, Slots, UNIT_WORDS, class_of, slot_words};
+use slots::{BLOCK_WORDS, Gathered, Moved, Slots, UNIT_WORDS, taken};
 use span::Spans;
 
 /// Rounds for which a page is kept that has come and can't have been used yet: feedback is late by that much.
 const GRACE: u64 = 3;
+/// Words by which weights are measured, so that a weight of 1 is worth something in the largest page.
+const WORTH_WORDS: u64 = BLOCK_WORDS as u64;
+/// Rounds for which a page that was used keeps its place from pages that are worth no more.
+const KEPT: u64 = 8;
 /// Rounds after which a page is no longer wanted that nobody asks for.
 const PATIENCE: u64 = 6;
 /// Frames for which a page is parked that found no room.
@@ -86,6 +91,17 @@ impl Want {
     /// Bytes that are kept free for it while it is being read.
     fn bytes(&self) -> u64 {
         self.words.map_or(BLOCK_BYTES, |w| u64::from(w) * 4)
+    }
+
+    /// Words that it takes in the pool.
+    fn room(&self) -> u64 {
+        u64::from(self.words.map_or(BLOCK_WORDS, taken))
+    }
+
+    /// Its weight for the room that it takes.
+    fn worth(&self) -> u32 {
+        let worth = u64::from(self.weight) * WORTH_WORDS / self.room();
+        u32::try_from(worth).unwrap_or(u32::MAX)
     }
 
     fn rank(&self, ordinal: u32) -> Rank {
@@ -222,8 +238,9 @@ impl Residency {
         }
         let words = self.told(ordinal).map(|c| c.words);
         let want = self.wants.entry(ordinal).or_insert_with(|| {
-            self.queue.insert((Reverse((needed, weight)), depth, ordinal));
-            Want { depth, asked, weight, needed, words, state: State::Queued }
+            let want = Want { depth, asked, weight, needed, words, state: State::Queued };
+            self.queue.insert(want.rank(ordinal));
+            want
         });
         let (before, again) = (want.rank(ordinal), want.asked == asked);
         // What was said in this round stays if it is more; what was said in an earlier one is forgotten.
@@ -301,22 +318,24 @@ impl Residency {
         if self.queue.is_empty() {
             return out;
         }
-        let slot = |w: &Want| w.words.and_then(class_of).map_or(u64::from(BLOCK_WORDS), |c| slot_words(c).into());
         let coming = self.wants.values().filter(|w| matches!(w.state, State::Loading | State::Ready(_)));
-        let mut coming: u64 = coming.map(slot).sum();
+        let mut coming: u64 = coming.map(Want::room).sum();
         let (free, past) = (self.slots.free_words(), self.residents.past_words());
-        while let Some(&(_, depth, ordinal)) = self.queue.first() {
+        while let Some(&(_, _, ordinal)) = self.queue.first() {
             let bytes = self.wants.get(&ordinal).map_or(0, Want::bytes);
             if self.loading_bytes + bytes + self.ready_bytes > self.config.host_bytes {
                 break;
             }
             self.queue.pop_first();
             let Some(want) = self.wants.get_mut(&ordinal) else { continue };
-            let words = slot(want);
-            // What would come and find no place would be read again, for ever. Where pages that are in use must go for it,
-            // one at a time is tried.
-            let room = coming + words <= free + past;
-            let hopeless = !room && (coming != 0 || self.residents.victim(depth, want.needed).is_none());
+            let words = want.room();
+            // What would come and find no place would be read again, for ever. Where pages must go with others above them, which
+            // are not counted, one at a time is tried.
+            let mut room = free + past;
+            if coming + words > room && want.needed {
+                room += self.residents.lesser_words(want.worth());
+            }
+            let hopeless = coming + words > room && (coming != 0 || past == 0);
             if hopeless {
                 // Reading what can't be kept would only wear the disk.
                 want.state = State::Parked(self.frames + PARKED);
@@ -345,10 +364,10 @@ impl Residency {
         self.loading -= 1;
         self.loading_bytes -= want.bytes();
         self.ready_bytes += page.words.len() as u64 * 4;
-        self.ready.insert(want.rank(page.ordinal));
         if !page.words.is_empty() {
             want.words = Some(page.words.len() as u32);
         }
+        self.ready.insert(want.rank(page.ordinal));
         want.state = State::Ready(page);
     }
 
@@ -380,8 +399,9 @@ impl Residency {
         let mut bytes = 0;
         let ready = if self.frozen == 0 { self.ready.clone() } else { BTreeSet::new() };
         for (_, depth, ordinal) in ready {
-            let Some(Want { state: State::Ready(page), needed, .. }) = self.wants.get(&ordinal) else { continue };
-            let needed = *needed;
+            let Some(want) = self.wants.get(&ordinal) else { continue };
+            let State::Ready(page) = &want.state else { continue };
+            let (worth, needed) = (want.worth(), want.needed);
             let page_bytes = page.words.len() as u64 * 4;
             if bytes + page_bytes > self.config.frame_bytes || self.dirty.len() as u64 >= MAX_DIRTY {
                 break;
@@ -393,13 +413,13 @@ impl Residency {
             // Its words may be there already, in a page of the version before.
             let heir = page.hash.filter(|_| page.words.is_empty()).and_then(|_| self.heir(ordinal));
             let lost = page.words.is_empty() && heir.is_none();
-            let class = class_of(page.words.len() as u32).filter(|_| !orphan && !lost);
+            let length = page.words.len() as u32;
             let mut needs = page.dependencies.clone();
             needs.extend(parent);
-            let Some(class) = class else {
+            if orphan || lost || length > BLOCK_WORDS {
                 self.unready(ordinal, None);
                 continue;
-            };
+            }
             // They must not make room for the page that needs them.
             needs.iter().for_each(|&n| self.residents.touch(n, self.round));
             if needs.iter().any(|&n| !self.is_resident(n)) {
@@ -407,9 +427,9 @@ impl Residency {
                 continue;
             }
             let place = if let Some(heir) = heir {
-                self.inherit(heir, ordinal)
+                self.inherit(heir, ordinal).map(|p| (p.at, p.words))
             } else {
-                match self.make_room(class, (depth, needed), &mut frame) {
+                match self.make_room(length, (worth, needed, &needs), &mut frame) {
                     Room::Found => {}
                     Room::NotNow => break,
                     Room::None => {
@@ -417,14 +437,14 @@ impl Residency {
                         continue;
                     }
                 }
-                self.slots.alloc(class, ordinal).map(|at| (at, page_bytes as u32 / 4))
+                self.slots.alloc(length, ordinal).map(|at| (at, length))
             };
             let Some((at, words)) = place else { continue };
             let Some(page) = self.unready(ordinal, None) else { continue };
             bytes += page_bytes;
             self.stats.uploaded_bytes += page_bytes;
             let upload = page.words.clone();
-            self.settle(page, [at, words], depth, needs, root);
+            self.settle(page, [at, words], [depth, worth], needs, root);
             if heir.is_none() {
                 frame.ops.push(Op::Upload { at, words: upload });
             }
@@ -464,9 +484,8 @@ impl Residency {
             if bytes > self.config.frame_bytes || self.dirty.len() as u64 >= MAX_DIRTY {
                 return;
             }
-            let Some(class) = class_of(words) else { return };
             // Whoever goes, the roots stay.
-            match self.make_room(class, (0, true), frame) {
+            match self.make_room(words, (u32::MAX, true, &[]), frame) {
                 Room::Found => {}
                 // What was used a moment ago goes when it has had its time.
                 Room::NotNow | Room::None => return,
@@ -475,7 +494,7 @@ impl Residency {
                 // It went itself.
                 continue;
             }
-            let Some(to) = self.slots.alloc(class, ordinal) else { return };
+            let Some(to) = self.slots.alloc(words, ordinal) else { return };
             self.slots.free(from);
             self.residents.relocate(ordinal, to);
             frame.ops.push(Op::Move { from, to, words });
@@ -485,7 +504,14 @@ impl Residency {
     }
 
     /// A page lives from now on, in words `words` from word `at` on.
-    fn settle(&mut self, page: LoadedPage, [at, words]: [u32; 2], depth: u32, needs: Vec<u32>, pinned: bool) {
+    fn settle(
+        &mut self,
+        page: LoadedPage,
+        [at, words]: [u32; 2],
+        [depth, worth]: [u32; 2],
+        needs: Vec<u32>,
+        pinned: bool,
+    ) {
         self.stats.admitted += 1;
         self.stats.resident_words += u64::from(words);
         self.dirty.insert(page.ordinal);
@@ -500,6 +526,7 @@ impl Residency {
             child_count: page.child_count,
             children: page.children,
             depth,
+            worth,
             stamp: self.round + GRACE,
             dependents: 0,
             needs,
@@ -536,30 +563,28 @@ impl Residency {
         Some(page)
     }
 
-    /// Room for a page of a class; where there is none whoever goes, everybody stays: what was evicted for nothing would
+    /// Room for a page of so many words; where there is none whoever goes, everybody stays: what was evicted for nothing would
     /// be read again, for ever.
-    fn make_room(&mut self, class: u8, (depth, needed): (u32, bool), frame: &mut Frame) -> Room {
+    fn make_room(&mut self, words: u32, (worth, needed, spare): (u32, bool, &[u32]), frame: &mut Frame) -> Room {
         let mut gone = Vec::new();
         let room = loop {
-            if self.slots.has_room(class) {
+            if self.slots.has_room(words) {
                 break Room::Found;
             }
-            // A compaction changes as many entries as a block has slots.
-            let dirty = (self.dirty.len() + gone.len()) as u64;
-            if dirty + u64::from(BLOCK_WORDS / UNIT_WORDS) + 1 > MAX_DIRTY {
+            // Each page that goes or is moved changes an entry, and the newcomer does.
+            let Some(left) = (MAX_DIRTY as usize).checked_sub(self.dirty.len() + gone.len() + 2) else {
                 break Room::NotNow;
-            }
-            // It frees a block, which is room for any class.
-            if let Some(moved) = self.slots.compact() {
-                for m in moved {
-                    let words = self.residents.relocate(m.owner, m.to);
-                    frame.ops.push(Op::Move { from: m.from, to: m.to, words });
-                    self.dirty.insert(m.owner);
-                    self.stats.moved += 1;
+            };
+            match self.slots.gather(words, left) {
+                Gathered::Room(moved) => {
+                    self.follow(&moved, frame);
+                    break Room::Found;
                 }
-                continue;
+                // What takes more than a whole frame is not waited for.
+                Gathered::Later if !self.dirty.is_empty() => break Room::NotNow,
+                Gathered::Later | Gathered::None => {}
             }
-            let Some(victim) = self.residents.victim(depth, needed) else { break Room::None };
+            let Some(victim) = self.residents.victim(worth, needed, spare) else { break Room::None };
             if let Some(page) = self.residents.remove(victim) {
                 self.slots.free(page.at);
                 gone.push((victim, page));
@@ -568,7 +593,7 @@ impl Residency {
         if matches!(room, Room::None) {
             // Parents went after their children.
             for (ordinal, page) in gone.into_iter().rev() {
-                self.slots.take_back(page.at, ordinal);
+                self.slots.take_back(page.at, page.words, ordinal);
                 self.residents.insert(ordinal, page);
             }
             return room;
@@ -579,6 +604,21 @@ impl Residency {
             self.dirty.insert(ordinal);
         }
         room
+    }
+
+    /// Tells executors of pages that were moved. Steps do not overlap: a page goes in pieces as long as its way, the nearest to
+    /// its new place first.
+    fn follow(&mut self, moved: &[Moved], frame: &mut Frame) {
+        for &Moved { owner, from, to } in moved {
+            let words = self.residents.relocate(owner, to);
+            let step = from.abs_diff(to).min(words).max(1);
+            // Pages of a block move towards its front.
+            for at in (0..words).step_by(step as usize) {
+                frame.ops.push(Op::Move { from: from + at, to: to + at, words: step.min(words - at) });
+            }
+            self.dirty.insert(owner);
+            self.stats.moved += 1;
+        }
     }
 
     /// Forgets what nobody asks for any more; takes up again what was parked or waited.

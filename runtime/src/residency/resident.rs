@@ -1,6 +1,6 @@
 //! The pages that live in the pool, who needs whom, and who goes first.
 //!
-//! Pages that may go stand in two lists each, linked through the pages themselves: by last use and by depth. So a frame
+//! Pages that may go stand in two lists each, linked through the pages themselves: by last use and by worth. So a frame
 //! in which pages are only used moves links and allocates nothing.
 
 use std::collections::{BTreeMap, HashMap};
@@ -8,15 +8,24 @@ use std::sync::Arc;
 
 use umbrage_reader::query::Bounds;
 
-use super::slots::{class_of, slot_words};
-use super::{Child, GRACE};
+use super::slots::taken;
+use super::{Child, GRACE, KEPT};
 
 /// No place.
 const NIL: u32 = u32::MAX;
-/// Lists for the rounds in which a page can have been used last that are not past: this one, and those of its grace.
-const RECENT: usize = GRACE as usize + 1;
-/// Lists by depth: more pages do not stand above one another.
-const DEPTHS: usize = 32;
+/// Lists for the rounds in which a page can have been used last that are not past: this one, those for which it is kept, and
+/// those of its grace.
+const RECENT: usize = (KEPT + GRACE) as usize + 1;
+/// Lists by worth: two for each doubling.
+const WORTHS: usize = 64;
+/// As many lists lie between a page that is in use and one that takes its place: it is worth more than twice as much.
+const APART: usize = 3;
+
+/// The list of pages of this worth.
+fn list_of(worth: u32) -> usize {
+    let top = worth.max(1).ilog2();
+    (2 * top + (worth >> top.saturating_sub(1) & u32::from(top != 0))) as usize
+}
 
 /// A page in the pool.
 #[derive(Debug, Clone)]
@@ -35,6 +44,8 @@ pub struct Resident {
     pub children: Arc<[Child]>,
     /// Pages above it; for a shared page those above the first that asked for it.
     pub depth: u32,
+    /// What it weighed for its size when it was admitted; see [`Want`](super::Want).
+    pub worth: u32,
     /// Round of its last use.
     pub stamp: u64,
     /// Resident pages that need it.
@@ -46,9 +57,9 @@ pub struct Resident {
 }
 
 impl Resident {
-    /// Words of its slot.
+    /// Words that it takes.
     fn slot(&self) -> u64 {
-        class_of(self.words).map_or(0, |c| slot_words(c).into())
+        taken(self.words).into()
     }
 
     fn may_go(&self) -> bool {
@@ -61,23 +72,21 @@ impl Resident {
 struct List {
     head: u32,
     tail: u32,
-    /// Of their slots.
-    words: u64,
 }
 
-const EMPTY: List = List { head: NIL, tail: NIL, words: 0 };
+const EMPTY: List = List { head: NIL, tail: NIL };
 
 #[derive(Debug)]
 struct Cell {
     ordinal: u32,
     page: Resident,
-    /// Before and behind it, by last use and by depth.
+    /// Before and behind it, by last use and by worth.
     links: [[u32; 2]; 2],
 }
 
-/// By last use, by depth.
+/// By last use, by worth.
 const USE: usize = 0;
-const DEPTH: usize = 1;
+const WORTH: usize = 1;
 
 /// All of them, with the orders in which they go.
 #[derive(Debug)]
@@ -87,11 +96,15 @@ pub struct Residents {
     places: HashMap<u32, u32>,
     /// First child to (end of children, parent).
     children: BTreeMap<u32, (u32, u32)>,
-    /// Last used before this round, those that were used least lately first.
+    /// Last used so long ago that they are kept no more, those that were used least lately first.
     past: List,
+    past_words: u64,
     /// Last used in round r, at r modulo their number.
     recent: [List; RECENT],
-    by_depth: [List; DEPTHS],
+    /// Words of each, by worth.
+    recent_words: [[u64; WORTHS]; RECENT],
+    /// Past ones and others.
+    by_worth: [List; WORTHS],
     round: u64,
     /// Pages whose needs are still to be touched.
     open: Vec<u32>,
@@ -105,8 +118,10 @@ impl Default for Residents {
             places: HashMap::new(),
             children: BTreeMap::new(),
             past: EMPTY,
+            past_words: 0,
             recent: [EMPTY; RECENT],
-            by_depth: [EMPTY; DEPTHS],
+            recent_words: [[0; WORTHS]; RECENT],
+            by_worth: [EMPTY; WORTHS],
             round: 0,
             open: Vec::new(),
         }
@@ -155,21 +170,24 @@ impl Residents {
         self.told(ordinal).map(|c| c.bounds)
     }
 
-    /// A new round begins: what was used in the one before is past.
+    /// A new round begins: what was used too long ago is past.
     pub fn begin(&mut self, round: u64) {
         while self.round < round {
-            let done = std::mem::replace(&mut self.recent[self.round as usize % RECENT], EMPTY);
+            let over = self.round.checked_sub(KEPT);
             self.round += 1;
+            let Some(over) = over.map(|o| o as usize % RECENT) else { continue };
+            let done = std::mem::replace(&mut self.recent[over], EMPTY);
             if done.head == NIL {
                 continue;
             }
+            self.past_words += self.recent_words[over].iter().sum::<u64>();
+            self.recent_words[over] = [0; WORTHS];
             // Behind all that were used earlier.
             match self.past.tail {
                 NIL => self.past.head = done.head,
                 tail => self.link(USE, tail, done.head),
             }
             self.past.tail = done.tail;
-            self.past.words += done.words;
         }
     }
 
@@ -191,19 +209,33 @@ impl Residents {
         }
     }
 
+    fn is_past(&self, stamp: u64) -> bool {
+        stamp + KEPT < self.round
+    }
+
     fn list(&mut self, order: usize, page: (u64, u32)) -> &mut List {
-        let (stamp, depth) = page;
+        let (stamp, worth) = page;
         match order {
-            DEPTH => &mut self.by_depth[(depth as usize).min(DEPTHS - 1)],
-            _ if stamp < self.round => &mut self.past,
+            WORTH => &mut self.by_worth[list_of(worth)],
+            _ if self.is_past(stamp) => &mut self.past,
             _ => &mut self.recent[stamp as usize % RECENT],
         }
+    }
+
+    /// Words of the pages that a page stands among.
+    fn words(&mut self, page: (u64, u32)) -> &mut u64 {
+        let (stamp, worth) = page;
+        if self.is_past(stamp) {
+            return &mut self.past_words;
+        }
+        &mut self.recent_words[stamp as usize % RECENT][list_of(worth)]
     }
 
     /// Takes a page out of both orders.
     fn leave(&mut self, place: u32) {
         let Some(cell) = self.cell(place) else { return };
-        let (page, links, words) = ((cell.page.stamp, cell.page.depth), cell.links, cell.page.slot());
+        let (page, links, words) = ((cell.page.stamp, cell.page.worth), cell.links, cell.page.slot());
+        *self.words(page) -= words;
         for (order, [before, behind]) in links.into_iter().enumerate() {
             self.link(order, before, behind);
             let list = self.list(order, page);
@@ -213,23 +245,23 @@ impl Residents {
             if list.tail == place {
                 list.tail = before;
             }
-            list.words -= words;
         }
     }
 
     /// Puts a page into both orders.
     fn join(&mut self, place: u32) {
         let Some(cell) = self.cell(place) else { return };
-        let (page, words) = ((cell.page.stamp, cell.page.depth), cell.page.slot());
+        let (page, words) = ((cell.page.stamp, cell.page.worth), cell.page.slot());
+        *self.words(page) += words;
         // Behind all that were used no later: of the past, where needs become free long after their last use, from the front.
         let mut behind = NIL;
-        if page.0 < self.round {
+        if self.is_past(page.0) {
             behind = self.past.head;
             while let Some(cell) = self.cell(behind).filter(|c| c.page.stamp <= page.0) {
                 behind = cell.links[USE][1];
             }
         }
-        for (order, behind) in [(USE, behind), (DEPTH, NIL)] {
+        for (order, behind) in [(USE, behind), (WORTH, NIL)] {
             let tail = self.list(order, page).tail;
             let before = self.cell(behind).map_or(tail, |c| c.links[order][0]);
             if let Some(links) = self.links(place) {
@@ -244,7 +276,6 @@ impl Residents {
             if behind == NIL {
                 list.tail = place;
             }
-            list.words += words;
         }
     }
 
@@ -346,26 +377,38 @@ impl Residents {
         })
     }
 
-    /// Words of the slots that become free at once when all go that were not used in this round.
+    /// Words of the pages that go for any other: those that are kept no more.
     pub fn past_words(&self) -> u64 {
-        self.past.words
+        self.past_words
     }
 
-    /// Who goes for a page of `depth`: the least recently used if it was not used in this round, else, for a page that
-    /// somebody needs now, one that is deeper than the newcomer and past its grace.
-    pub fn victim(&self, depth: u32, needed: bool) -> Option<u32> {
+    /// Words of the pages in use that go for one of this worth which somebody needs now.
+    pub fn lesser_words(&self, worth: u32) -> u64 {
+        let lesser = list_of(worth).saturating_sub(APART - 1);
+        let rounds = self.round.saturating_sub(KEPT)..=self.round;
+        rounds.map(|r| self.recent_words[r as usize % RECENT][..lesser].iter().sum::<u64>()).sum()
+    }
+
+    /// Who goes for a page of this worth: the least recently used if it is kept no more, else, for a page that somebody needs
+    /// now, the one that is worth least of those that are worth less than half and past their grace; none of those to `spare`, which
+    /// were just used.
+    pub fn victim(&self, worth: u32, needed: bool, spare: &[u32]) -> Option<u32> {
         if let Some(oldest) = self.cell(self.past.head) {
             return Some(oldest.ordinal);
         }
         if !needed {
             return None;
         }
-        let deeper = self.by_depth.iter().skip(depth as usize + 1).rev();
-        deeper.flat_map(|list| self.along(list.tail)).find(|c| c.page.stamp <= self.round).map(|c| c.ordinal)
+        let lesser = &self.by_worth[..list_of(worth).saturating_sub(APART - 1)];
+        lesser
+            .iter()
+            .flat_map(|list| self.along(list.head))
+            .find(|c| c.page.stamp <= self.round && !spare.contains(&c.ordinal))
+            .map(|c| c.ordinal)
     }
 
-    /// The pages of a list by depth, from one on towards its head.
+    /// The pages of a list by worth, from one on.
     fn along(&self, place: u32) -> impl Iterator<Item = &Cell> {
-        std::iter::successors(self.cell(place), |c| self.cell(c.links[DEPTH][0]))
+        std::iter::successors(self.cell(place), |c| self.cell(c.links[WORTH][1]))
     }
 }

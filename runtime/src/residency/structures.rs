@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::heirs::Content;
+use super::resident::Resident;
 use super::{Child, LoadedPage, Residency, Span, State, TableFull};
 
 impl Residency {
@@ -65,9 +66,9 @@ impl Residency {
             let known = self.is_resident(page.ordinal) || self.spans.find(page.ordinal).is_none();
             let (Some(parent), Some(depth), false) = (parent, depth, known) else { continue };
             let place = self.heir(page.ordinal).and_then(|heir| self.inherit(heir, page.ordinal));
-            let Some((at, words)) = place else { continue };
+            let Some(Resident { at, words, worth, .. }) = place else { continue };
             self.forget(page.ordinal);
-            self.settle(page, [at, words], depth, vec![parent], false);
+            self.settle(page, [at, words], [depth, worth], vec![parent], false);
         }
     }
 
@@ -122,13 +123,13 @@ impl Residency {
         self.heirs.find(content, |o| self.spans.find(o).is_none() && self.content(o) == Some(content))
     }
 
-    /// A page takes the slot of a page of a replaced version: its first word and its words.
-    pub(super) fn inherit(&mut self, heir: u32, ordinal: u32) -> Option<(u32, u32)> {
+    /// A page takes the place of a page of a replaced version, which is given.
+    pub(super) fn inherit(&mut self, heir: u32, ordinal: u32) -> Option<Resident> {
         let page = self.residents.remove(heir)?;
         self.slots.hand_over(page.at, ordinal);
         self.stats.resident_words -= u64::from(page.words);
         self.stats.kept += 1;
-        Some((page.at, page.words))
+        Some(page)
     }
 
     /// Asks for roots that are not there: also for those that could not be read, when their time has come.

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use umbrage_reader::query::Bounds;
 
 use super::budget::BLOCK_BYTES;
-use super::slots::{BLOCK_WORDS, class_of, slot_words};
+use super::slots::{BLOCK_WORDS, UNIT_WORDS, class_of, slot_words, taken};
 use super::*;
 
 /// A made-up structure: pages in level order, each with its first child, its children and its length.
@@ -84,6 +84,8 @@ struct World {
     pool: Vec<u32>,
     table: Vec<Entry>,
     loading: Vec<u32>,
+    /// Pages that came.
+    reads: u64,
 }
 
 impl World {
@@ -92,7 +94,7 @@ impl World {
         let roots: Vec<Child> = (0..pages.roots).map(|o| pages.told(o)).collect();
         residency.attach(pages.records.len() as u32, 0, roots.into()).unwrap();
         let (pool, table) = (vec![0; (blocks * BLOCK_WORDS) as usize], vec![ABSENT; pages.records.len()]);
-        Self { pages, residency, pool, table, loading: Vec::new() }
+        Self { pages, residency, pool, table, loading: Vec::new(), reads: 0 }
     }
 
     /// Walks down as a device does: what is used, what is missed.
@@ -118,6 +120,7 @@ impl World {
             if fails(ordinal) {
                 self.residency.failed(ordinal);
             } else {
+                self.reads += 1;
                 self.residency.loaded(self.pages.page(ordinal));
             }
         }
@@ -155,7 +158,7 @@ impl World {
             assert_eq!((page.words, page.at + words <= self.pool.len() as u32), (words, true));
             // Its words are in its slot, whatever was moved meanwhile.
             assert!(self.pool[page.at as usize..][..words as usize].iter().all(|&w| w == ordinal));
-            spans.push((page.at, page.at + slot_words(class_of(words).unwrap())));
+            spans.push((page.at, page.at + taken(words)));
             assert!(page.needs.iter().all(|&n| r.is_resident(n)), "a page without its parent");
             let dependents = r.residents.iter().filter(|(_, p)| p.needs.contains(&ordinal)).count();
             assert_eq!(page.dependents as usize, dependents);
@@ -268,18 +271,21 @@ fn too_much_is_wanted_and_the_state_says_so() {
     let stats = world.residency.stats();
     assert_eq!((stats.wanted, stats.starved + 8 >= 96), (96, true));
     // What is in use stays: nothing was evicted only to be read again.
-    assert_eq!((stats.evicted, stats.admitted), (0, 5));
+    assert_eq!((stats.evicted, stats.admitted, world.reads), (0, 5, 5));
 }
 
 #[test]
 fn nobody_goes_for_a_page_that_finds_no_room_all_the_same() {
     // The root's block, and one for page 1 and its children: page 2 wants a block, and page 1 stays.
-    let records = vec![(1, 2, 64), (3, 3, 128), (6, 0, BLOCK_WORDS), (6, 0, 128), (6, 0, 128), (6, 0, 128)];
+    let records = vec![(1, 2, BLOCK_WORDS), (3, 3, 128), (6, 0, BLOCK_WORDS), (6, 0, 128), (6, 0, 128), (6, 0, 128)];
     let mut world = World::new(Pages { records, roots: 1 }, 2);
     let left: Vec<usize> = (0..100).map(|_| world.frame(&[3, 4, 5, 2], |_| false)).collect();
     assert_eq!(left[20..], [1; 80]);
     let stats = world.residency.stats();
-    assert_eq!((stats.evicted, stats.admitted, stats.resident, stats.resident_words), (0, 5, 5, 64 + 4 * 128));
+    assert_eq!(
+        (stats.evicted, stats.admitted, stats.resident, stats.resident_words),
+        (0, 5, 5, u64::from(BLOCK_WORDS) + 4 * 128)
+    );
     // They go as ever once nobody uses them.
     assert!((0..40).any(|_| world.frame(&[2], |_| false) == 0));
     assert_eq!((world.residency.stats().evicted, world.residency.stats().resident), (4, 2));
@@ -390,6 +396,27 @@ fn a_foreseen_page_takes_no_place_that_is_in_use() {
         world.residency.is_resident(2)
     });
     assert!(came);
+}
+
+#[test]
+fn a_page_in_use_goes_only_for_what_is_worth_far_more() {
+    // Room for the root and one page of a whole block.
+    let records = vec![(1, 2, BLOCK_WORDS), (3, 0, BLOCK_WORDS), (3, 0, BLOCK_WORDS)];
+    let mut world = World::new(Pages { records, roots: 1 }, 2);
+    assert!((0..20).any(|_| world.frame(&[1], |_| false) == 0));
+    let mut comes = |page: u32, weight: u32, used: u32| {
+        (0..40).any(|_| {
+            world.residency.request(page, weight);
+            world.frame(&[used], |_| false);
+            world.residency.is_resident(page)
+        })
+    };
+    assert!(!comes(2, 2, 1), "it came with a weight of 1");
+    assert!(comes(2, 4, 1));
+    assert!(!comes(1, 8, 2), "nor does it go back as soon as the other weighs more");
+    assert!(comes(1, 1, 0), "nobody uses the other any more");
+    // The root and those three: nothing was read that found no room.
+    assert_eq!((world.residency.stats().admitted, world.reads), (4, 4));
 }
 
 #[test]
