@@ -56,6 +56,9 @@ pub struct Args {
     /// Texels on a side instead of the suite's own ones, repeatable
     #[arg(long = "resolution", value_name = "N")]
     resolutions: Vec<u64>,
+    /// For `stream`: every so many pixels across and down is asked about, a power of two; 8, with --full 1
+    #[arg(long, value_name = "N", value_parser = stride)]
+    stride: Option<u32>,
     /// For `query`: a file of kind vector or mmh of the scene, light 0.4,-0.8,0.3, repeatable; the one of the suite's
     /// resolution is another candidate, and several are compared with each other
     #[arg(long = "vector", value_name = "FILE.umb")]
@@ -117,6 +120,11 @@ enum Suite {
     /// One opening in a process of its own
     #[value(hide = true)]
     OneOpen,
+}
+
+fn stride(s: &str) -> Result<u32, String> {
+    let fits = |n: &u32| n.is_power_of_two() && *n <= 64;
+    s.parse().ok().filter(fits).ok_or_else(|| "expected a power of two from 1 to 64".to_string())
 }
 
 /// Why a suite ended, and with which exit code.

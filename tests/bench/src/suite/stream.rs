@@ -9,6 +9,9 @@
 mod device;
 mod touched;
 
+use std::io::IsTerminal;
+use std::path::Path;
+
 use rayon::prelude::*;
 use serde_json::json;
 use umbrage::format::Kind;
@@ -25,12 +28,14 @@ use touched::Touched;
 
 /// Pictures of the flights.
 const PICTURE: [u32; 2] = [1280, 720];
-/// Every so many pixels, across and down, one is asked about; with `--full` all are.
+/// Every so many pixels, across and down, one is asked about unless told otherwise; with `--full` all are.
 const STRIDE: u32 = 8;
 /// Frames that the camera looks ahead.
 const AHEAD: f64 = 20.0;
 /// Frames after the camera has stopped.
 const STILL: u32 = 30;
+/// Frames whose pixels are held in memory at once.
+const BATCH: usize = 8;
 /// Scene, resolution, flight.
 const PLAN: [(&str, u64, &str); 2] = [
     ("city:1", 1 << 20, include_str!("../../flights/city.json")),
@@ -79,78 +84,28 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
         let resolution = args.resolutions.first().copied().unwrap_or(own);
         let flight = Flight::parse(json).map_err(Failure::input)?;
         let model = scenes::load(name, args.policy)?;
+        // A file of kind mh of a million texels a side would be 15 GB.
+        let sides = [(Kind::Vector, resolution), (Kind::Mh, resolution.min(1 << 16))];
         // Both kinds have the same lattice where they have the same resolution.
-        let mut seen: Option<(u64, Vec<Seen>)> = None;
-        for kind in [Kind::Vector, Kind::Mh] {
-            // A file of kind mh of a million texels a side would be 15 GB.
-            let resolution = if kind == Kind::Mh { resolution.min(1 << 16) } else { resolution };
-            let (baked, file) = model.bake_as(kind, LIGHTS[0], resolution, &folder)?;
-            let container = scenes::container(&file)?;
-            let structure = container.structure(0)?;
-            let geometry = Scene::new(&baked.last);
-            let stride = if args.full { 1 } else { STRIDE };
-            if seen.as_ref().is_none_or(|s| s.0 != resolution) {
-                let frame = |n| {
-                    let camera = flight.camera(n).map_err(Failure::input)?;
-                    Ok((viewpoint(&camera), receivers(&geometry, &camera, stride, &structure)))
+        for same in sides.chunk_by(|a, b| a.1 == b.1) {
+            let mut flights = Vec::new();
+            let mut last = None;
+            for &(kind, resolution) in same {
+                let (baked, file) = model.bake_as(kind, LIGHTS[0], resolution, &folder)?;
+                flights.push(Flights::new(kind, &file)?);
+                last = Some(baked.last);
+            }
+            if let (Some(baked), Some(first)) = (&last, flights.first()) {
+                let view = Views {
+                    geometry: &Scene::new(baked),
+                    flight: &flight,
+                    structure: &first.structure.clone(),
+                    stride: args.stride.unwrap_or(if args.full { 1 } else { STRIDE }),
                 };
-                let frames: Result<_, Failure> = (0..flight.frames()).into_par_iter().map(frame).collect();
-                seen = Some((resolution, frames?));
+                fly(&view, &mut flights)?;
             }
-            let frames = seen.as_ref().map_or(&[][..], |s| &s.1);
-            let mut touched = Touched::new(scenes::open(&file)?);
-            for (_, asked) in frames {
-                touched.add(asked)?;
-            }
-            let total = std::fs::metadata(&file).map_or(0, |m| m.len());
-            // The parts of a budget that are not pages come on top where all pages shall fit.
-            for (part, ahead) in
-                [(total / 10, 0.0), (total / 10, AHEAD), (2 * total + (8 << 20), 0.0), (2 * total + (8 << 20), AHEAD)]
-            {
-                let row = fly(&scenes::container(&file)?, frames, part, ahead)?;
-                let (read, needed) = (row.bytes_read, touched.bytes());
-                let ratio = read as f64 / needed.max(1) as f64;
-                let exact = row.to_exact.map_or("-".to_string(), |f| f.to_string());
-                table.push([
-                    format!("{name} {}", side(resolution)),
-                    kind.name().to_string(),
-                    frames.len().to_string(),
-                    bytes(total),
-                    bytes(row.budget),
-                    format!("{ahead}"),
-                    bytes(read),
-                    format!("{:.3}", read as f64 / total as f64),
-                    format!("{ratio:.2}"),
-                    format!("{} of {}", row.pages, structure.page_count()),
-                    row.evicted.to_string(),
-                    row.cancelled.to_string(),
-                    format!("{:.5}", row.coarse),
-                    format!("{:.4}", row.worst),
-                    exact.clone(),
-                ]);
-                report.rows.push(json!({
-                    "scene": name, "resolution": resolution, "kind": kind.name(), "frames": frames.len(), "ahead": ahead,
-                    "file_bytes": total, "budget_bytes": row.budget, "most_bytes": row.most_bytes, "read_bytes": read,
-                    "touched_bytes": needed, "pages_read": row.pages, "evicted": row.evicted, "cancelled": row.cancelled,
-                    "coarse_share": row.coarse, "worst_frame_share": row.worst, "holes": row.holes,
-                    "frames_to_exact": row.to_exact, "starved": row.starved,
-                }));
-                let what = format!(
-                    "{name} {} {}, {}, looking {ahead} frames ahead",
-                    side(resolution),
-                    kind.name(),
-                    bytes(row.budget)
-                );
-                report.goal(ratio <= 2.0, format!("{what}: at most 2.0 of the touched blocks"), format!("{ratio:.2}"));
-                report.goal(row.most_bytes <= row.budget, format!("{what}: budget kept"), bytes(row.most_bytes));
-                report.goal(row.holes == 0, format!("{what}: holes: 0"), row.holes.to_string());
-                let asked = format!("{what}: exact 3 frames after the camera stops");
-                match row.starved {
-                    0 => report.goal(row.to_exact.is_some_and(|f| f <= 3), asked, exact),
-                    starved => {
-                        report.notes.push(format!("{what}: the view does not fit: {starved} pages found no room"))
-                    }
-                }
+            for flown in flights {
+                told(&mut report, &mut table, name, &flown);
             }
         }
     }
@@ -163,20 +118,36 @@ pub fn run(args: &Args) -> Result<Report, Failure> {
     Ok(report)
 }
 
-/// What the pixels of a picture ask for.
-fn receivers(geometry: &Scene<'_>, camera: &Camera, stride: u32, structure: &Structure) -> Vec<Asked> {
-    let [w, h] = PICTURE.map(|n| n / stride);
-    let Some(view) = geometry.view(camera, w, h, &|| true) else { return Vec::new() };
-    let of = Footprints::new(&view, geometry.surface());
-    let lattice = structure.lattice();
-    // A pixel of the whole picture is narrower than one of this.
-    let finer = stride.ilog2() << 8;
-    let asked = |(i, r): (usize, &Option<umbrage::render::Receiver>)| {
-        let r = r.as_ref()?;
-        let level = nearest_level(of.level_of_detail(i).saturating_sub(finer));
-        Some((r.texel(&lattice), r.depth.query(), level))
-    };
-    view.receivers.iter().enumerate().filter_map(asked).collect()
+/// Where the pixels' questions come from.
+struct Views<'a> {
+    geometry: &'a Scene<'a>,
+    flight: &'a Flight,
+    structure: &'a Structure,
+    stride: u32,
+}
+
+impl Views<'_> {
+    /// A camera of the flight, and what its pixels ask for.
+    fn seen(&self, frame: u32) -> Result<Seen, Failure> {
+        let camera = self.flight.camera(frame).map_err(Failure::input)?;
+        Ok((viewpoint(&camera), self.receivers(&camera)))
+    }
+
+    /// What the pixels of a picture ask for.
+    fn receivers(&self, camera: &Camera) -> Vec<Asked> {
+        let [w, h] = PICTURE.map(|n| n / self.stride);
+        let Some(view) = self.geometry.view(camera, w, h, &|| true) else { return Vec::new() };
+        let of = Footprints::new(&view, self.geometry.surface());
+        let lattice = self.structure.lattice();
+        // A pixel of the whole picture is narrower than one of this.
+        let finer = self.stride.ilog2() << 8;
+        let asked = |(i, r): (usize, &Option<umbrage::render::Receiver>)| {
+            let r = r.as_ref()?;
+            let level = nearest_level(of.level_of_detail(i).saturating_sub(finer));
+            Some((r.texel(&lattice), r.depth.query(), level))
+        };
+        view.receivers.iter().enumerate().filter_map(asked).collect()
+    }
 }
 
 fn viewpoint(camera: &Camera) -> Viewpoint {
@@ -184,54 +155,169 @@ fn viewpoint(camera: &Camera) -> Viewpoint {
     Viewpoint { eye: camera.eye(), axes: camera.axes(), half: camera.half(w, h), pixels: PICTURE }
 }
 
-/// What a flight took.
-#[derive(Debug, Default)]
+/// A file's flights under all budgets.
+struct Flights {
+    kind: Kind,
+    structure: Structure,
+    file_bytes: u64,
+    frames: u32,
+    touched: Touched,
+    flown: Vec<Flown>,
+}
+
+impl Flights {
+    fn new(kind: Kind, file: &Path) -> Result<Self, Failure> {
+        let structure = scenes::container(file)?.structure(0)?;
+        let file_bytes = std::fs::metadata(file).map_or(0, |m| m.len());
+        // The parts of a budget that are not pages come on top where all pages shall fit.
+        let all = 2 * file_bytes + (8 << 20);
+        let flown = [(file_bytes / 10, 0.0), (file_bytes / 10, AHEAD), (all, 0.0), (all, AHEAD)];
+        let flown = flown.into_iter().map(|(budget, ahead)| Flown::new(&scenes::container(file)?, budget, ahead));
+        let flown = flown.collect::<Result<_, _>>()?;
+        Ok(Self { kind, structure, file_bytes, frames: 0, touched: Touched::new(scenes::open(file)?), flown })
+    }
+
+    /// The next frame of all.
+    fn frame(&mut self, seen: &Seen) -> Result<(), Failure> {
+        self.frames += 1;
+        let (touched, flown) = (&mut self.touched, &mut self.flown);
+        let frame = || flown.par_iter_mut().try_for_each(|f| f.frame(seen));
+        let (touched, flown) = rayon::join(|| touched.add(&seen.1), frame);
+        touched.and(flown)
+    }
+}
+
+/// A device on its flight, and what the flight took.
 struct Flown {
-    budget: u64,
+    device: Device,
+    ahead: f64,
+    frames: u32,
     most_bytes: u64,
-    bytes_read: u64,
-    pages: u64,
-    evicted: u64,
-    cancelled: u64,
-    /// Share of the pixels that an ancestor answered, over the flight and in the worst frame behind the tenth.
-    coarse: f64,
+    pixels: u64,
+    /// Pixels that an ancestor answered.
+    coarse: u64,
+    /// Share of them in the worst frame behind the tenth.
     worst: f64,
     holes: u64,
     to_exact: Option<u32>,
     starved: u32,
 }
 
-fn fly(container: &Container, frames: &[Seen], budget: u64, ahead: f64) -> Result<Flown, Failure> {
-    let mut device = Device::new(container, budget, RATES)?;
-    let mut flown = Flown { budget: device.budget(), ..Flown::default() };
-    let (mut pixels, mut coarse) = (0u64, 0u64);
-    let take = |flown: &mut Flown, f: &Frame| {
-        flown.most_bytes = flown.most_bytes.max(f.bytes);
-        flown.holes += f.holes;
-        flown.starved = flown.starved.max(f.starved);
-    };
-    for (n, (from, asked)) in frames.iter().enumerate() {
-        let f = device.frame(asked, Some((from, ahead)))?;
-        take(&mut flown, &f);
-        pixels += asked.len() as u64;
-        coarse += f.coarse;
-        if n >= 10 {
-            flown.worst = flown.worst.max(f.coarse as f64 / asked.len().max(1) as f64);
-        }
+impl Flown {
+    fn new(container: &Container, budget: u64, ahead: f64) -> Result<Self, Failure> {
+        let device = Device::new(container, budget, RATES)?;
+        Ok(Self {
+            device,
+            ahead,
+            frames: 0,
+            most_bytes: 0,
+            pixels: 0,
+            coarse: 0,
+            worst: 0.0,
+            holes: 0,
+            to_exact: None,
+            starved: 0,
+        })
     }
-    if let Some((from, asked)) = frames.last() {
+
+    fn take(&mut self, (from, asked): &Seen) -> Result<Frame, Failure> {
+        let f = self.device.frame(asked, Some((from, self.ahead)))?;
+        self.most_bytes = self.most_bytes.max(f.bytes);
+        self.holes += f.holes;
+        self.starved = self.starved.max(f.starved);
+        Ok(f)
+    }
+
+    fn frame(&mut self, seen: &Seen) -> Result<(), Failure> {
+        let f = self.take(seen)?;
+        let pixels = seen.1.len() as u64;
+        self.pixels += pixels;
+        self.coarse += f.coarse;
+        if self.frames >= 10 {
+            self.worst = self.worst.max(f.coarse as f64 / pixels.max(1) as f64);
+        }
+        self.frames += 1;
+        Ok(())
+    }
+
+    /// The camera has stopped.
+    fn stand(&mut self, seen: &Seen) -> Result<(), Failure> {
         for n in 0..STILL {
-            let f = device.frame(asked, Some((from, ahead)))?;
-            take(&mut flown, &f);
-            if f.coarse == 0 {
-                flown.to_exact = Some(n);
+            if self.take(seen)?.coarse == 0 {
+                self.to_exact = Some(n);
                 break;
             }
         }
+        Ok(())
     }
-    flown.coarse = coarse as f64 / pixels.max(1) as f64;
-    let stats = device.stats();
-    (flown.evicted, flown.cancelled) = (stats.evicted, stats.cancelled);
-    (flown.bytes_read, flown.pages) = (device.bytes_read(), device.pages_read());
-    Ok(flown)
+}
+
+/// All flights, frame by frame: every pixel's question of a whole flight would take gigabytes.
+fn fly(views: &Views<'_>, flights: &mut [Flights]) -> Result<(), Failure> {
+    let frames: Vec<u32> = (0..views.flight.frames()).collect();
+    let mut last = None;
+    for (n, batch) in frames.chunks(BATCH).enumerate() {
+        progress(n * BATCH, frames.len());
+        let seen: Vec<Seen> = batch.par_iter().map(|&n| views.seen(n)).collect::<Result<_, _>>()?;
+        for seen in &seen {
+            flights.par_iter_mut().try_for_each(|f| f.frame(seen))?;
+        }
+        last = seen.into_iter().next_back();
+    }
+    progress(frames.len(), frames.len());
+    let Some(last) = last else { return Ok(()) };
+    flights.par_iter_mut().try_for_each(|f| f.flown.par_iter_mut().try_for_each(|f| f.stand(&last)))
+}
+
+fn progress(done: usize, of: usize) {
+    if std::io::stderr().is_terminal() {
+        eprint!("\r{}", if done < of { format!("frame {done} of {of}") } else { " ".repeat(30) + "\r" });
+    }
+}
+
+/// Tells of a file's flights.
+fn told(report: &mut Report, table: &mut Table, name: &str, flights: &Flights) {
+    let (kind, total) = (flights.kind.name(), flights.file_bytes);
+    let resolution = 1u64 << flights.structure.record().log2_resolution;
+    let named = format!("{name} {}", side(resolution));
+    for f in &flights.flown {
+        let (device, ahead) = (&f.device, f.ahead);
+        let (read, needed, stats) = (device.bytes_read(), flights.touched.bytes(), device.stats());
+        let ratio = read as f64 / needed.max(1) as f64;
+        let coarse = f.coarse as f64 / f.pixels.max(1) as f64;
+        let exact = f.to_exact.map_or("-".to_string(), |f| f.to_string());
+        table.push([
+            named.clone(),
+            kind.to_string(),
+            flights.frames.to_string(),
+            bytes(total),
+            bytes(device.budget()),
+            format!("{ahead}"),
+            bytes(read),
+            format!("{:.3}", read as f64 / total as f64),
+            format!("{ratio:.2}"),
+            format!("{} of {}", device.pages_read(), flights.structure.page_count()),
+            stats.evicted.to_string(),
+            stats.cancelled.to_string(),
+            format!("{coarse:.5}"),
+            format!("{:.4}", f.worst),
+            exact.clone(),
+        ]);
+        report.rows.push(json!({
+            "scene": name, "resolution": resolution, "kind": kind, "frames": flights.frames, "ahead": ahead, "pixels": f.pixels,
+            "file_bytes": total, "budget_bytes": device.budget(), "most_bytes": f.most_bytes, "read_bytes": read,
+            "touched_bytes": needed, "pages_read": device.pages_read(), "evicted": stats.evicted,
+            "cancelled": stats.cancelled, "coarse_share": coarse, "worst_frame_share": f.worst, "holes": f.holes,
+            "frames_to_exact": f.to_exact, "starved": f.starved,
+        }));
+        let what = format!("{named} {kind}, {}, looking {ahead} frames ahead", bytes(device.budget()));
+        report.goal(ratio <= 2.0, format!("{what}: at most 2.0 of the touched blocks"), format!("{ratio:.2}"));
+        report.goal(f.most_bytes <= device.budget(), format!("{what}: budget kept"), bytes(f.most_bytes));
+        report.goal(f.holes == 0, format!("{what}: holes: 0"), f.holes.to_string());
+        let asked = format!("{what}: exact 3 frames after the camera stops");
+        match f.starved {
+            0 => report.goal(f.to_exact.is_some_and(|f| f <= 3), asked, exact),
+            starved => report.notes.push(format!("{what}: the view does not fit: {starved} pages found no room")),
+        }
+    }
 }
