@@ -54,7 +54,9 @@ const GRACE: u64 = 3;
 /// Words by which weights are measured, so that a weight of 1 is worth something in the largest page.
 const WORTH_WORDS: u64 = BLOCK_WORDS as u64;
 /// Rounds for which a page that was used keeps its place from pages that are worth no more.
-const KEPT: u64 = 8;
+const KEPT: u64 = 32;
+/// Rounds without use in which a page's worth halves.
+const HALVED: u64 = 12;
 /// Rounds after which a page is no longer wanted that nobody asks for.
 const PATIENCE: u64 = 6;
 /// Frames for which a page is parked that found no room.
@@ -321,6 +323,7 @@ impl Residency {
         let coming = self.wants.values().filter(|w| matches!(w.state, State::Loading | State::Ready(_)));
         let mut coming: u64 = coming.map(Want::room).sum();
         let (free, past) = (self.slots.free_words(), self.residents.past_words());
+        let mut lesser = None;
         while let Some(&(_, _, ordinal)) = self.queue.first() {
             let bytes = self.wants.get(&ordinal).map_or(0, Want::bytes);
             if self.loading_bytes + bytes + self.ready_bytes > self.config.host_bytes {
@@ -333,7 +336,7 @@ impl Residency {
             // are not counted, one at a time is tried.
             let mut room = free + past;
             if coming + words > room && want.needed {
-                room += self.residents.lesser_words(want.worth());
+                room += lesser.get_or_insert_with(|| self.residents.lesser()).words(want.worth());
             }
             let hopeless = coming + words > room && (coming != 0 || past == 0);
             if hopeless {

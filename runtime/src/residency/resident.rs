@@ -1,7 +1,7 @@
 //! The pages that live in the pool, who needs whom, and who goes first.
 //!
-//! Pages that may go stand in two lists each, linked through the pages themselves: by last use and by worth. So a frame
-//! in which pages are only used moves links and allocates nothing.
+//! Pages that may go stand in a list each, linked through the pages themselves: those that were used last in the same round and are
+//! worth about the same. So a frame in which pages are only used moves links and allocates nothing.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -9,12 +9,12 @@ use std::sync::Arc;
 use umbrage_reader::query::Bounds;
 
 use super::slots::taken;
-use super::{Child, GRACE, KEPT};
+use super::{Child, GRACE, HALVED, KEPT};
 
 /// No place.
 const NIL: u32 = u32::MAX;
-/// Lists for the rounds in which a page can have been used last that are not past: this one, those for which it is kept, and
-/// those of its grace.
+/// The rounds in which a page can have been used last that are not past: this one, those for which it is kept, and those of its
+/// grace.
 const RECENT: usize = (KEPT + GRACE) as usize + 1;
 /// Lists by worth: two for each doubling.
 const WORTHS: usize = 64;
@@ -25,6 +25,16 @@ const APART: usize = 3;
 fn list_of(worth: u32) -> usize {
     let top = worth.max(1).ilog2();
     (2 * top + (worth >> top.saturating_sub(1) & u32::from(top != 0))) as usize
+}
+
+/// The list of what is worth that little when it was not used for so many rounds: half after each [`HALVED`].
+fn aged(list: usize, rounds: u64) -> usize {
+    list.saturating_sub(2 * (rounds / HALVED) as usize)
+}
+
+/// Lists of what goes for a page of this worth.
+fn lesser(worth: u32) -> usize {
+    list_of(worth).saturating_sub(APART - 1)
 }
 
 /// A page in the pool.
@@ -80,13 +90,12 @@ const EMPTY: List = List { head: NIL, tail: NIL };
 struct Cell {
     ordinal: u32,
     page: Resident,
-    /// Before and behind it, by last use and by worth.
-    links: [[u32; 2]; 2],
+    /// Before and behind it.
+    links: [u32; 2],
 }
 
-/// By last use, by worth.
-const USE: usize = 0;
-const WORTH: usize = 1;
+/// Something for each list of the rounds that are not past.
+type Recent<T> = Box<[[T; WORTHS]; RECENT]>;
 
 /// All of them, with the orders in which they go.
 #[derive(Debug)]
@@ -100,11 +109,9 @@ pub struct Residents {
     past: List,
     past_words: u64,
     /// Last used in round r, at r modulo their number.
-    recent: [List; RECENT],
-    /// Words of each, by worth.
-    recent_words: [[u64; WORTHS]; RECENT],
-    /// Past ones and others.
-    by_worth: [List; WORTHS],
+    recent: Recent<List>,
+    /// Words of each.
+    recent_words: Recent<u64>,
     round: u64,
     /// Pages whose needs are still to be touched.
     open: Vec<u32>,
@@ -119,9 +126,8 @@ impl Default for Residents {
             children: BTreeMap::new(),
             past: EMPTY,
             past_words: 0,
-            recent: [EMPTY; RECENT],
-            recent_words: [[0; WORTHS]; RECENT],
-            by_worth: [EMPTY; WORTHS],
+            recent: Box::new([[EMPTY; WORTHS]; RECENT]),
+            recent_words: Box::new([[0; WORTHS]; RECENT]),
             round: 0,
             open: Vec::new(),
         }
@@ -176,18 +182,20 @@ impl Residents {
             let over = self.round.checked_sub(KEPT);
             self.round += 1;
             let Some(over) = over.map(|o| o as usize % RECENT) else { continue };
-            let done = std::mem::replace(&mut self.recent[over], EMPTY);
-            if done.head == NIL {
-                continue;
-            }
             self.past_words += self.recent_words[over].iter().sum::<u64>();
             self.recent_words[over] = [0; WORTHS];
-            // Behind all that were used earlier.
-            match self.past.tail {
-                NIL => self.past.head = done.head,
-                tail => self.link(USE, tail, done.head),
+            for worth in 0..WORTHS {
+                let done = std::mem::replace(&mut self.recent[over][worth], EMPTY);
+                if done.head == NIL {
+                    continue;
+                }
+                // Behind all that were used earlier.
+                match self.past.tail {
+                    NIL => self.past.head = done.head,
+                    tail => self.link(tail, done.head),
+                }
+                self.past.tail = done.tail;
             }
-            self.past.tail = done.tail;
         }
     }
 
@@ -195,17 +203,17 @@ impl Residents {
         self.cells.get(place as usize)?.as_ref()
     }
 
-    fn links(&mut self, place: u32) -> Option<&mut [[u32; 2]; 2]> {
+    fn links(&mut self, place: u32) -> Option<&mut [u32; 2]> {
         self.cells.get_mut(place as usize)?.as_mut().map(|c| &mut c.links)
     }
 
-    /// Makes two places neighbours in an order; either may be none.
-    fn link(&mut self, order: usize, before: u32, behind: u32) {
+    /// Makes two places neighbours; either may be none.
+    fn link(&mut self, before: u32, behind: u32) {
         if let Some(links) = self.links(before) {
-            links[order][1] = behind;
+            links[1] = behind;
         }
         if let Some(links) = self.links(behind) {
-            links[order][0] = before;
+            links[0] = before;
         }
     }
 
@@ -213,69 +221,56 @@ impl Residents {
         stamp + KEPT < self.round
     }
 
-    fn list(&mut self, order: usize, page: (u64, u32)) -> &mut List {
-        let (stamp, worth) = page;
-        match order {
-            WORTH => &mut self.by_worth[list_of(worth)],
-            _ if self.is_past(stamp) => &mut self.past,
-            _ => &mut self.recent[stamp as usize % RECENT],
-        }
-    }
-
-    /// Words of the pages that a page stands among.
-    fn words(&mut self, page: (u64, u32)) -> &mut u64 {
-        let (stamp, worth) = page;
+    /// The list that a page stands in, and the words of the pages of that.
+    fn list(&mut self, (stamp, worth): (u64, u32)) -> (&mut List, &mut u64) {
         if self.is_past(stamp) {
-            return &mut self.past_words;
+            return (&mut self.past, &mut self.past_words);
         }
-        &mut self.recent_words[stamp as usize % RECENT][list_of(worth)]
+        let (round, worth) = (stamp as usize % RECENT, list_of(worth));
+        (&mut self.recent[round][worth], &mut self.recent_words[round][worth])
     }
 
-    /// Takes a page out of both orders.
+    /// Takes a page out of its list.
     fn leave(&mut self, place: u32) {
         let Some(cell) = self.cell(place) else { return };
-        let (page, links, words) = ((cell.page.stamp, cell.page.worth), cell.links, cell.page.slot());
-        *self.words(page) -= words;
-        for (order, [before, behind]) in links.into_iter().enumerate() {
-            self.link(order, before, behind);
-            let list = self.list(order, page);
-            if list.head == place {
-                list.head = behind;
-            }
-            if list.tail == place {
-                list.tail = before;
-            }
+        let (page, [before, behind], slot) = ((cell.page.stamp, cell.page.worth), cell.links, cell.page.slot());
+        self.link(before, behind);
+        let (list, words) = self.list(page);
+        *words -= slot;
+        if list.head == place {
+            list.head = behind;
+        }
+        if list.tail == place {
+            list.tail = before;
         }
     }
 
-    /// Puts a page into both orders.
+    /// Puts a page into its list.
     fn join(&mut self, place: u32) {
         let Some(cell) = self.cell(place) else { return };
-        let (page, words) = ((cell.page.stamp, cell.page.worth), cell.page.slot());
-        *self.words(page) += words;
+        let (page, slot) = ((cell.page.stamp, cell.page.worth), cell.page.slot());
         // Behind all that were used no later: of the past, where needs become free long after their last use, from the front.
         let mut behind = NIL;
         if self.is_past(page.0) {
             behind = self.past.head;
             while let Some(cell) = self.cell(behind).filter(|c| c.page.stamp <= page.0) {
-                behind = cell.links[USE][1];
+                behind = cell.links[1];
             }
         }
-        for (order, behind) in [(USE, behind), (WORTH, NIL)] {
-            let tail = self.list(order, page).tail;
-            let before = self.cell(behind).map_or(tail, |c| c.links[order][0]);
-            if let Some(links) = self.links(place) {
-                links[order] = [before, behind];
-            }
-            self.link(order, before, place);
-            self.link(order, place, behind);
-            let list = self.list(order, page);
-            if before == NIL {
-                list.head = place;
-            }
-            if behind == NIL {
-                list.tail = place;
-            }
+        let tail = self.list(page).0.tail;
+        let before = self.cell(behind).map_or(tail, |c| c.links[0]);
+        if let Some(links) = self.links(place) {
+            *links = [before, behind];
+        }
+        self.link(before, place);
+        self.link(place, behind);
+        let (list, words) = self.list(page);
+        *words += slot;
+        if before == NIL {
+            list.head = place;
+        }
+        if behind == NIL {
+            list.tail = place;
         }
     }
 
@@ -300,7 +295,7 @@ impl Residents {
             let end = page.first_child.saturating_add(page.child_count.into());
             self.children.insert(page.first_child, (end, ordinal));
         }
-        let cell = Some(Cell { ordinal, page, links: [[NIL; 2]; 2] });
+        let cell = Some(Cell { ordinal, page, links: [NIL; 2] });
         let place = match self.free.pop() {
             Some(place) => {
                 self.cells[place as usize] = cell;
@@ -382,16 +377,29 @@ impl Residents {
         self.past_words
     }
 
-    /// Words of the pages in use that go for one of this worth which somebody needs now.
-    pub fn lesser_words(&self, worth: u32) -> u64 {
-        let lesser = list_of(worth).saturating_sub(APART - 1);
-        let rounds = self.round.saturating_sub(KEPT)..=self.round;
-        rounds.map(|r| self.recent_words[r as usize % RECENT][..lesser].iter().sum::<u64>()).sum()
+    /// Words of the pages in use that go for one which somebody needs now.
+    pub fn lesser(&self) -> Lesser {
+        let mut words = [0; WORTHS + 1];
+        for (rounds, lists) in self.in_use(&self.recent_words) {
+            for (list, w) in lists.iter().enumerate() {
+                words[aged(list, rounds) + 1] += w;
+            }
+        }
+        for list in 0..WORTHS {
+            words[list + 1] += words[list];
+        }
+        Lesser(words)
+    }
+
+    /// Something of the rounds for which pages are kept and past their grace, the earliest first: rounds since then, and its lists.
+    fn in_use<'a, T>(&self, of: &'a Recent<T>) -> impl Iterator<Item = (u64, &'a [T; WORTHS])> {
+        let now = self.round;
+        (now.saturating_sub(KEPT)..=now).map(move |r| (now - r, &of[r as usize % RECENT]))
     }
 
     /// Who goes for a page of this worth: the least recently used if it is kept no more, else, for a page that somebody needs
-    /// now, the one that is worth least of those that are worth less than half and past their grace; none of those to `spare`, which
-    /// were just used.
+    /// now, the one that by now is worth least of those that are worth less than half and past their grace; none of those to `spare`,
+    /// which were just used.
     pub fn victim(&self, worth: u32, needed: bool, spare: &[u32]) -> Option<u32> {
         if let Some(oldest) = self.cell(self.past.head) {
             return Some(oldest.ordinal);
@@ -399,16 +407,34 @@ impl Residents {
         if !needed {
             return None;
         }
-        let lesser = &self.by_worth[..list_of(worth).saturating_sub(APART - 1)];
-        lesser
-            .iter()
-            .flat_map(|list| self.along(list.head))
-            .find(|c| c.page.stamp <= self.round && !spare.contains(&c.ordinal))
-            .map(|c| c.ordinal)
+        let mut least: Option<(usize, u32)> = None;
+        for (rounds, lists) in self.in_use(&self.recent) {
+            for (list, from) in lists.iter().enumerate() {
+                let worth_now = aged(list, rounds);
+                if worth_now >= least.map_or(lesser(worth), |l| l.0) {
+                    break;
+                }
+                if let Some(cell) = self.along(from.head).find(|c| !spare.contains(&c.ordinal)) {
+                    least = Some((worth_now, cell.ordinal));
+                    break;
+                }
+            }
+        }
+        least.map(|l| l.1)
     }
 
-    /// The pages of a list by worth, from one on.
+    /// The pages of a list, from one on.
     fn along(&self, place: u32) -> impl Iterator<Item = &Cell> {
-        std::iter::successors(self.cell(place), |c| self.cell(c.links[WORTH][1]))
+        std::iter::successors(self.cell(place), |c| self.cell(c.links[1]))
+    }
+}
+
+/// Words of pages by what they are worth by now: those of all lists before each.
+pub struct Lesser([u64; WORTHS + 1]);
+
+impl Lesser {
+    /// Words of the pages that go for one of this worth.
+    pub fn words(&self, worth: u32) -> u64 {
+        self.0[lesser(worth)]
     }
 }
