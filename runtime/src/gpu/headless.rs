@@ -51,6 +51,8 @@ impl Headless {
         let required_limits = wgpu::Limits {
             max_storage_buffer_binding_size: most.max_storage_buffer_binding_size,
             max_buffer_size: most.max_buffer_size,
+            // WebGPU's default: a pool may lie in several.
+            max_storage_buffers_per_shader_stage: most.max_storage_buffers_per_shader_stage.min(8),
             max_texture_dimension_2d: most.max_texture_dimension_2d,
             ..wgpu::Limits::downlevel_defaults()
         };

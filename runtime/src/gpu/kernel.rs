@@ -13,6 +13,8 @@ pub struct Kernels {
     pixels: wgpu::ComputePipeline,
     filtered: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
+    /// Buffers of the pool that they read.
+    pools: u32,
 }
 
 /// Which entry point.
@@ -47,11 +49,11 @@ pub struct Queries {
 }
 
 impl Kernels {
-    /// Compiles them; `layout` is the streamer's, in group 0.
-    pub fn new(device: &wgpu::Device, layout: &wgpu::BindGroupLayout) -> Self {
+    /// Compiles them for a pool in so many buffers; `layout` is the streamer's, in group 0.
+    pub fn new(device: &wgpu::Device, layout: &wgpu::BindGroupLayout, pools: u32) -> Self {
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("umbrage kernels"),
-            source: wgpu::ShaderSource::Wgsl(shader::kernels().into()),
+            source: wgpu::ShaderSource::Wgsl(shader::kernels(pools).into()),
         });
         let own = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("umbrage queries"),
@@ -75,7 +77,13 @@ impl Kernels {
                 cache: None,
             })
         };
-        Self { answer: pipeline("answer"), pixels: pipeline("pixels"), filtered: pipeline("filtered"), layout: own }
+        let [answer, pixels, filtered] = ["answer", "pixels", "filtered"].map(pipeline);
+        Self { answer, pixels, filtered, layout: own, pools }
+    }
+
+    /// Buffers of the pool that they read.
+    pub fn pools(&self) -> u32 {
+        self.pools
     }
 
     /// Puts queries on the device.

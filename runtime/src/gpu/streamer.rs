@@ -6,6 +6,7 @@ use std::time::Duration;
 use umbrage_reader::Structure;
 
 use super::kernel::{Entry, Kernels};
+use super::pool::{Pieces, Pool};
 use super::transfer::{Readback, Staging};
 use crate::error::RuntimeError;
 use crate::query::filter::FilterQuery;
@@ -51,6 +52,7 @@ pub struct GpuStreamer {
     view: Box<View>,
     selected: Option<StructureId>,
     scratch: wgpu::Buffer,
+    pieces: Pieces,
     parts: Parts,
     layout: wgpu::BindGroupLayout,
     kernels: Option<Arc<Kernels>>,
@@ -60,7 +62,7 @@ pub struct GpuStreamer {
 /// What another budget has in other sizes.
 #[derive(Debug)]
 struct Parts {
-    pool: wgpu::Buffer,
+    pool: Pool,
     feedback: wgpu::Buffer,
     staging: Staging,
     readback: Readback,
@@ -74,14 +76,16 @@ impl Parts {
         device: &wgpu::Device,
         layout: &wgpu::BindGroupLayout,
         budget: &Budget,
+        pieces: &Pieces,
         [table, uniform]: [&wgpu::Buffer; 2],
     ) -> Result<Self, RuntimeError> {
         fits(device, "the feedback", budget.feedback)?;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let pool = filled(device, "umbrage pool", budget.pool(), storage, &[])?;
-        let feedback = filled(device, "umbrage feedback", budget.feedback, storage, &[])?;
-        let entries: Vec<_> = (0..)
-            .zip([&pool, table, &feedback, uniform])
+        let pool = Pool::new(device, budget.pool(), pieces)?;
+        let feedback = filled(device, "umbrage feedback", budget.feedback, wgpu::BufferUsages::STORAGE, &[])?;
+        let own = (1..).zip([table, &feedback, uniform]);
+        let entries: Vec<_> = (0..pieces.count)
+            .map(|i| (shader::pool_binding(i), pool.bound(i)))
+            .chain(own)
             .map(|(binding, b)| wgpu::BindGroupEntry { binding, resource: b.as_entire_binding() })
             .collect();
         let group =
@@ -113,7 +117,7 @@ pub(super) fn fits(device: &wgpu::Device, what: &'static str, needed: u64) -> Re
     if needed <= most { Ok(()) } else { Err(RuntimeError::Binding { what, needed, most }) }
 }
 
-fn largest(device: &wgpu::Device) -> u64 {
+pub(super) fn largest(device: &wgpu::Device) -> u64 {
     let limits = device.limits();
     limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
 }
@@ -143,8 +147,8 @@ pub(super) fn filled(
 
 impl GpuStreamer {
     /// For one structure that stays: makes the buffers, all of them within `budget_bytes`, and brings in the roots. This
-    /// call waits for reads and for the device. A budget beyond what the device binds in one buffer (128 MiB on many) is
-    /// used up to that.
+    /// call waits for reads and for the device. A pool beyond what the device binds in one buffer (128 MiB on many) lies in
+    /// several, [`pools`](Self::pools); a budget beyond what the device binds in all of them is used up to that.
     ///
     /// # Errors
     /// The budget is too small, a buffer larger than the device binds, or a root can't be read.
@@ -154,8 +158,9 @@ impl GpuStreamer {
         structure: &Structure,
         budget_bytes: u64,
     ) -> Result<Self, RuntimeError> {
-        let streamer = Streamer::new(structure, budget_bytes, largest(device), LOADERS)?;
-        let mut this = Self::over(device, queue, streamer)?;
+        let pieces = Pieces::new(device, budget_bytes);
+        let streamer = Streamer::new(structure, budget_bytes, pieces.most(), LOADERS)?;
+        let mut this = Self::over(device, queue, streamer, pieces)?;
         this.wait_ready()?;
         Ok(this)
     }
@@ -171,29 +176,37 @@ impl GpuStreamer {
         budget_bytes: u64,
         table: u32,
     ) -> Result<Self, RuntimeError> {
-        Self::over(device, queue, Streamer::with_table(budget_bytes, table, largest(device), LOADERS)?)
+        let pieces = Pieces::new(device, budget_bytes);
+        let streamer = Streamer::with_table(budget_bytes, table, pieces.most(), LOADERS)?;
+        Self::over(device, queue, streamer, pieces)
     }
 
-    fn over(device: &wgpu::Device, queue: &wgpu::Queue, streamer: Streamer) -> Result<Self, RuntimeError> {
-        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("umbrage"),
-            entries: &[
-                entry(0, wgpu::BufferBindingType::Storage { read_only: true }),
-                entry(1, wgpu::BufferBindingType::Storage { read_only: true }),
-                entry(2, wgpu::BufferBindingType::Storage { read_only: false }),
-                entry(3, wgpu::BufferBindingType::Uniform),
-            ],
-        });
+    fn over(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        streamer: Streamer,
+        pieces: Pieces,
+    ) -> Result<Self, RuntimeError> {
+        let read_only = wgpu::BufferBindingType::Storage { read_only: true };
+        let own = [
+            entry(1, read_only),
+            entry(2, wgpu::BufferBindingType::Storage { read_only: false }),
+            entry(3, wgpu::BufferBindingType::Uniform),
+        ];
+        let entries: Vec<_> = (0..pieces.count).map(|i| entry(shader::pool_binding(i), read_only)).chain(own).collect();
+        let layout = device
+            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("umbrage"), entries: &entries });
         let absent = vec![ABSENT; streamer.table().max(1) as usize];
         let budget = *streamer.budget();
         fits(device, "the page table", budget.table)?;
         let storage = wgpu::BufferUsages::STORAGE;
         let table = filled(device, "umbrage table", budget.table, storage, bytemuck::cast_slice(&absent))?;
-        let view: Box<View> = Box::new(View { pages: streamer.table(), ..bytemuck::Zeroable::zeroed() });
+        let piece_log2 = pieces.words_log2();
+        let view: Box<View> = Box::new(View { pages: streamer.table(), piece_log2, ..bytemuck::Zeroable::zeroed() });
         let bytes = bytemuck::bytes_of(&*view);
         let uniform = filled(device, "umbrage view", bytes.len() as u64, wgpu::BufferUsages::UNIFORM, bytes)?;
         let scratch = filled(device, "umbrage scratch", BLOCK_BYTES, wgpu::BufferUsages::empty(), &[])?;
-        let parts = Parts::new(device, &layout, &budget, [&table, &uniform])?;
+        let parts = Parts::new(device, &layout, &budget, &pieces, [&table, &uniform])?;
         let mut this = Self {
             device: device.clone(),
             queue: queue.clone(),
@@ -203,6 +216,7 @@ impl GpuStreamer {
             view,
             selected: None,
             scratch,
+            pieces,
             parts,
             layout,
             kernels: None,
@@ -220,7 +234,8 @@ impl GpuStreamer {
         self.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&*self.view));
     }
 
-    /// Another budget, while frames go on; see [`Streamer::set_budget`]. When it holds, [`bind_group`](Self::bind_group) and
+    /// Another budget, while frames go on; see [`Streamer::set_budget`]. The pool stays in as many buffers as it was made for, and
+    /// grows no further than they do. When it holds, [`bind_group`](Self::bind_group) and
     /// [`buffers`](Self::buffers) are others, and [`exchanges`](Self::exchanges) has grown; for one frame the old and the new pool
     /// exist both.
     ///
@@ -249,7 +264,9 @@ impl GpuStreamer {
     pub fn recover(self, device: &wgpu::Device, queue: &wgpu::Queue) -> Result<Self, RuntimeError> {
         let Self { mut streamer, selected, .. } = self;
         streamer.restart()?;
-        Ok(Self { selected, ..Self::over(device, queue, streamer)? })
+        let pieces = Pieces::new(device, streamer.budget().total);
+        streamer.set_most_pool(pieces.most());
+        Ok(Self { selected, ..Self::over(device, queue, streamer, pieces)? })
     }
 
     /// Waits until the roots of all structures have come, those of versions that are to take another's place included. For
@@ -286,14 +303,21 @@ impl GpuStreamer {
         &self.parts.group
     }
 
-    /// The buffers of that group by rising binding, for a caller who makes the group from a layout of its own.
-    pub fn buffers(&self) -> [&wgpu::Buffer; 4] {
-        [&self.parts.pool, &self.table, &self.parts.feedback, &self.uniform]
+    /// The buffers of that group by rising binding, for a caller who makes the group from a layout of its own: pool, table,
+    /// feedback, view, and what else there is of the pool.
+    pub fn buffers(&self) -> Vec<&wgpu::Buffer> {
+        let first = [self.parts.pool.bound(0), &self.table, &self.parts.feedback, &self.uniform];
+        first.into_iter().chain((1..self.pieces.count).map(|i| self.parts.pool.bound(i))).collect()
     }
 
-    /// Source of the queries, to be put in front of the caller's shader; see [`shader::module`].
+    /// Buffers that the pool is bound in.
+    pub fn pools(&self) -> u32 {
+        self.pieces.count
+    }
+
+    /// Source of the queries, to be put in front of the caller's shader; see [`shader::module_over`].
     pub fn module(&self, group: u32) -> String {
-        shader::module(group)
+        shader::module_over(group, self.pieces.count)
     }
 
     /// The CPU side.
@@ -397,12 +421,14 @@ impl GpuStreamer {
                 match op {
                     Op::Upload { at, words } => {
                         let (from, bytes) = (offsets.next().unwrap_or(0), words.len() as u64 * 4);
-                        encoder.copy_buffer_to_buffer(staging, from, &self.parts.pool, u64::from(*at) * 4, bytes);
+                        let (to, at) = self.parts.pool.place(*at);
+                        encoder.copy_buffer_to_buffer(staging, from, to, at, bytes);
                     }
                     Op::Move { from, to, words } => {
                         let bytes = u64::from(*words) * 4;
-                        encoder.copy_buffer_to_buffer(&self.parts.pool, u64::from(*from) * 4, &self.scratch, 0, bytes);
-                        encoder.copy_buffer_to_buffer(&self.scratch, 0, &self.parts.pool, u64::from(*to) * 4, bytes);
+                        let [(source, from), (target, to)] = [*from, *to].map(|at| self.parts.pool.place(at));
+                        encoder.copy_buffer_to_buffer(source, from, &self.scratch, 0, bytes);
+                        encoder.copy_buffer_to_buffer(&self.scratch, 0, target, to, bytes);
                     }
                 }
             }
@@ -420,11 +446,10 @@ impl GpuStreamer {
     /// Makes the buffers of a new budget and copies the pool.
     fn exchange(&mut self, encoder: &mut wgpu::CommandEncoder) {
         let Some(budget) = self.streamer.exchange() else { return };
-        let parts = Parts::new(&self.device, &self.layout, &budget, [&self.table, &self.uniform]);
+        let parts = Parts::new(&self.device, &self.layout, &budget, &self.pieces, [&self.table, &self.uniform]);
         // No larger than the device binds: the budget was divided for it.
         let Ok(parts) = parts else { return };
-        let bytes = self.parts.pool.size().min(parts.pool.size());
-        encoder.copy_buffer_to_buffer(&self.parts.pool, 0, &parts.pool, 0, bytes);
+        self.parts.pool.copy_to(&parts.pool, encoder);
         self.parts = Parts { number: self.parts.number + 1, ..parts };
         self.measure();
     }
@@ -460,13 +485,15 @@ impl GpuStreamer {
         if !kind.has_layout() {
             return Err(RuntimeError::UnsupportedKind(kind));
         }
-        let kernels = self.kernels.get_or_insert_with(|| Arc::new(Kernels::new(&self.device, &self.layout)));
+        let kernels =
+            self.kernels.get_or_insert_with(|| Arc::new(Kernels::new(&self.device, &self.layout, self.pieces.count)));
         Ok(kernels.clone())
     }
 
-    /// Uses the pipelines of another streamer on the same device, so that several lights compile them once.
+    /// Uses the pipelines of another streamer on the same device, so that several lights compile them once; its own where that
+    /// one's pool lies in another number of buffers.
     pub fn use_kernels(&mut self, kernels: Arc<Kernels>) {
-        self.kernels = Some(kernels);
+        self.kernels = Some(kernels).filter(|k| k.pools() == self.pieces.count);
     }
 
     /// Answers queries (x, y, level, depth rounded up) from what is resident, in one frame: value, state, missing
@@ -527,7 +554,10 @@ impl GpuStreamer {
     /// # Errors
     /// The device was lost.
     pub fn read_back(&self) -> Result<(Vec<u32>, Vec<TableEntry>), RuntimeError> {
-        let pool = self.read(&self.parts.pool, 0, self.parts.pool.size())?;
+        let mut pool = Vec::new();
+        for piece in self.parts.pool.pieces() {
+            pool.extend(self.read(piece, 0, piece.size())?);
+        }
         let table = self.read(&self.table, 0, self.table.size())?;
         Ok((pool, bytemuck::cast_slice(&table).to_vec()))
     }

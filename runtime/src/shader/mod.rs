@@ -2,7 +2,8 @@
 //!
 //! [`module`] is what an engine puts in front of its own shader: the constants, the bindings in a group of the
 //! caller's choice, and the walks. It takes 3 storage buffers and a uniform, which leaves the caller one of the four
-//! that every device has. [`kernels`] adds the entry points that this crate dispatches itself.
+//! that every device has. [`kernels`] adds the entry points that this crate dispatches itself. Where a pool is larger than a
+//! device binds in one buffer it lies in several, of which the module knows by [`module_over`].
 //!
 //! What a shader calls:
 //!
@@ -22,6 +23,7 @@
 //! | 1 | `umb_table`: for each page an [`Entry`](crate::residency::Entry) |
 //! | 2 | `umb_feedback`: what walks missed and used, see [`FEEDBACK_USED`] |
 //! | 3 | `umb_view`: sizes and structures, the uniform [`View`] |
+//! | 4, … | `umb_pool_1`, …: further pieces of the pool, where there are any |
 //!
 //! Pages are named by their places in the table, which all structures share.
 
@@ -52,6 +54,8 @@ pub const MOST_GAP: u32 = 8;
 pub const MAPS: u32 = 256;
 /// Most stale rectangles of all structures.
 pub const STALE_RECTS: u32 = 64;
+/// Most buffers of the pool: with table, feedback and two of the caller's they are the 8 of WebGPU's default limits.
+pub const MOST_POOLS: u32 = 4;
 /// Invocations of a workgroup in [`kernels`].
 pub const WORKGROUP: u32 = 64;
 
@@ -148,8 +152,8 @@ pub struct View {
     pub pages: u32,
     /// Words of the feedback's used bits.
     pub used_words: u32,
-    /// Zero.
-    pub unused: u32,
+    /// Binary logarithm of the words in each buffer of the pool but the last, where it lies in several.
+    pub piece_log2: u32,
     /// The structures by number.
     pub maps: [Map; MAPS as usize],
     /// Stale rectangles of all of them.
@@ -166,7 +170,8 @@ impl View {
     }
 
     fn wgsl() -> String {
-        let own = "struct UmbView {\n    pool_words: u32,\n    pages: u32,\n    used_words: u32,\n    unused: u32,\n";
+        let own =
+            "struct UmbView {\n    pool_words: u32,\n    pages: u32,\n    used_words: u32,\n    piece_log2: u32,\n";
         let lists = "    maps: array<UmbMap, UMB_MAPS>,\n    stale: array<UmbRect, UMB_STALE_RECTS>,\n}\n";
         [Map::wgsl(), Rect::wgsl(), own.into(), lists.into()].concat()
     }
@@ -185,27 +190,57 @@ const SOURCES: [&str; 8] = [
 ];
 const KERNELS: &str = include_str!("kernel.wgsl");
 
-/// Bindings of the module in bind group `group`.
-fn bindings(group: u32) -> String {
-    let declare = |binding, what| format!("@group({group}) @binding({binding}) {what};\n");
+/// Binding of a buffer of the pool.
+pub const fn pool_binding(piece: u32) -> u32 {
+    if piece == 0 { 0 } else { 3 + piece }
+}
+
+/// Bindings of the module in bind group `group`, the pool in `pools` buffers.
+fn bindings(group: u32, pools: u32) -> String {
+    let declare = |binding, what: &str| format!("@group({group}) @binding({binding}) {what};\n");
+    let further = |i| declare(pool_binding(i), &format!("var<storage, read> umb_pool_{i}: array<u32>"));
     [
         View::wgsl(),
         declare(0, "var<storage, read> umb_pool: array<u32>"),
         declare(1, "var<storage, read> umb_table: array<vec4<u32>>"),
         declare(2, "var<storage, read_write> umb_feedback: array<atomic<u32>>"),
         declare(3, "var<uniform> umb_view: UmbView"),
+        (1..pools).map(further).collect(),
+        pool_word(pools),
     ]
     .concat()
 }
 
-/// Source of the queries for the caller's shader: constants, bindings in group `group`, functions.
-pub fn module(group: u32) -> String {
-    [prelude(), bindings(group), SOURCES.concat()].concat()
+/// How a word of the pool is read.
+fn pool_word(pools: u32) -> String {
+    let body = if pools <= 1 {
+        "    return umb_pool[at];\n".to_string()
+    } else {
+        let piece = |i| format!("    if piece == {i}u {{\n        return umb_pool_{i}[word];\n    }}\n");
+        [
+            "    let piece = at >> umb_view.piece_log2;\n    let word = at & ((1u << umb_view.piece_log2) - 1u);\n"
+                .into(),
+            (1..pools).map(piece).collect(),
+            "    return umb_pool[word];\n".to_string(),
+        ]
+        .concat()
+    };
+    format!("fn umb_pool_word(at: u32) -> u32 {{\n{body}}}\n")
 }
 
-/// [`module`] in group 0 with the entry points `answer`, `pixels` and `filtered`, whose buffers are in group 1.
-pub fn kernels() -> String {
-    [&module(0), KERNELS].concat()
+/// Source of the queries for the caller's shader: constants, bindings in group `group`, functions.
+pub fn module(group: u32) -> String {
+    module_over(group, 1)
+}
+
+/// [`module`] for a pool that lies in `pools` buffers, at most [`MOST_POOLS`].
+pub fn module_over(group: u32, pools: u32) -> String {
+    [prelude(), bindings(group, pools), SOURCES.concat()].concat()
+}
+
+/// [`module_over`] in group 0 with the entry points `answer`, `pixels` and `filtered`, whose buffers are in group 1.
+pub fn kernels(pools: u32) -> String {
+    [&module_over(0, pools), KERNELS].concat()
 }
 
 #[cfg(test)]
@@ -215,7 +250,13 @@ mod tests {
     /// Engines of other APIs take the module through naga: it is valid WGSL, and both HLSL and SPIR-V come out.
     #[test]
     fn the_kernels_translate_to_hlsl_and_spir_v() {
-        let module = naga::front::wgsl::parse_str(&kernels()).unwrap();
+        for pools in 1..=MOST_POOLS {
+            translates(pools);
+        }
+    }
+
+    fn translates(pools: u32) {
+        let module = naga::front::wgsl::parse_str(&kernels(pools)).unwrap();
         let flags = naga::valid::ValidationFlags::all();
         let info = naga::valid::Validator::new(flags, naga::valid::Capabilities::empty()).validate(&module).unwrap();
         let mut text = String::new();
@@ -240,13 +281,13 @@ mod tests {
         assert!(words.len() > 500);
         let storage =
             module.global_variables.iter().filter(|(_, v)| matches!(v.space, naga::AddressSpace::Storage { .. }));
-        assert_eq!(storage.count(), 4);
+        assert_eq!(storage.count(), 3 + pools as usize);
     }
 
     /// The walk's source has no entry point, so that a caller can join it with any shader.
     #[test]
     fn the_module_has_no_entry_point() {
         assert!(!module(2).contains("@compute") && module(2).contains("@group(2) @binding(0)"));
-        assert_eq!(kernels().matches("@compute").count(), 3);
+        assert_eq!(kernels(1).matches("@compute").count(), 3);
     }
 }

@@ -22,6 +22,7 @@ pub use coverage::Coverage;
 pub use stats::FrameStats;
 
 use crate::error::RuntimeError;
+use crate::residency::budget::BLOCK_BYTES;
 use crate::residency::foresee::{Looks, MOST_BOXES, Viewpoint, Way};
 use crate::residency::{Budget, Config, Frame, Residency, Stats};
 use attached::Attached;
@@ -55,9 +56,18 @@ pub fn divide(structure: &Structure, budget_bytes: u64, most_pool: u64) -> Resul
     let enough = Budget::divide(budget_bytes, pages, least::always_enough(structure)?, most_pool);
     let budget = match enough {
         Ok(budget) => budget,
-        Err(_) => Budget::divide(budget_bytes, pages, least::just_enough(structure)?, most_pool)?,
+        Err(_) => divide_least(budget_bytes, pages, least::just_enough(structure)?, most_pool)?,
     };
     Ok((budget, config(&budget, pages)))
+}
+
+/// Divides for a pool of at least so many blocks; where the device doesn't bind so many no budget does.
+fn divide_least(budget_bytes: u64, pages: u32, blocks: u32, most_pool: u64) -> Result<Budget, RuntimeError> {
+    let needed = u64::from(blocks) * BLOCK_BYTES;
+    if needed > most_pool {
+        return Err(RuntimeError::Binding { what: "the pool", needed, most: most_pool });
+    }
+    Ok(Budget::divide(budget_bytes, pages, blocks, most_pool)?)
 }
 
 fn config(budget: &Budget, table: u32) -> Config {
@@ -161,7 +171,7 @@ impl Streamer {
         let enough = Budget::divide(budget_bytes, self.table, self.enough_blocks(false)?, self.most_pool);
         let budget = match enough {
             Ok(budget) => budget,
-            Err(_) => Budget::divide(budget_bytes, self.table, self.enough_blocks(true)?, self.most_pool)?,
+            Err(_) => divide_least(budget_bytes, self.table, self.enough_blocks(true)?, self.most_pool)?,
         };
         self.residency.resize(config(&budget, self.table));
         self.coming = Some(budget);
@@ -189,6 +199,11 @@ impl Streamer {
         self.loader = Loader::start(self.threads);
         (self.in_flight, self.last) = (0, Stats::default());
         self.reattach()
+    }
+
+    /// Later budgets take a pool of at most so many bytes: another device may bind less.
+    pub fn set_most_pool(&mut self, bytes: u64) {
+        self.most_pool = bytes;
     }
 
     /// Entries of the page table.

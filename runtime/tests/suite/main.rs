@@ -10,6 +10,7 @@ mod filter;
 mod later;
 mod moving;
 mod parity;
+mod pieces;
 mod remote;
 mod server;
 mod several;

@@ -6,7 +6,7 @@ fn umb_dependency(page: UmbPage, d: u32) -> u32 {
     if at >= umb_view.pool_words - page.base {
         return UMB_NO_PAGE;
     }
-    return umb_pool[page.base + at];
+    return umb_pool_word(page.base + at);
 }
 
 // Walks from root `root` to texel (x, y) at `level` and adds up the rises on its way, in a structure of kind mmh.

@@ -60,7 +60,7 @@ fn umb_page(ordinal: u32) -> UmbPage {
     let room = umb_view.pool_words - entry.x;
     var words = 0u;
     if UMB_FRAME_WORDS_WORD < room {
-        words = (umb_pool[entry.x + UMB_FRAME_WORDS_WORD] >> UMB_FRAME_WORDS_SHIFT) & 0xFFFFu;
+        words = (umb_pool_word(entry.x + UMB_FRAME_WORDS_WORD) >> UMB_FRAME_WORDS_SHIFT) & 0xFFFFu;
     }
     return UmbPage(true, entry.x, min(words, room), entry.y);
 }
@@ -70,7 +70,7 @@ fn umb_word(page: UmbPage, at: u32) -> u32 {
     if at >= page.words {
         return 0u;
     }
-    return umb_pool[page.base + at];
+    return umb_pool_word(page.base + at);
 }
 
 // Puts a page that a receiver missed into the table of the missed, `weight` being what the receiver loses on the screen.

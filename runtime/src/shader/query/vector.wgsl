@@ -14,7 +14,7 @@ fn umb_header(page: UmbPage, word: u32, shift: u32, bits: u32) -> u32 {
     if !umb_inside(page, UMB_HEADER_AT, UMB_HEADER_WORDS) {
         return 0u;
     }
-    return extractBits(umb_pool[page.base + UMB_HEADER_AT + word], shift, bits);
+    return extractBits(umb_pool_word(page.base + UMB_HEADER_AT + word), shift, bits);
 }
 
 // Number n of those packed from word `at` on, `width` bits each, at most 32.
@@ -55,14 +55,14 @@ fn umb_vector_child(page: UmbPage, number: u32, c: u32) -> UmbVectorChild {
         return UmbVectorChild(0u, 1u, 0u);
     }
     let block = page.base + at;
-    let counts = umb_pool[block];
+    let counts = umb_pool_word(block);
     var ranks = vec2<u32>(counts & 0xFFFFu, counts >> 16u);
     // The masks of 4 groups in a word.
     let last = (number % UMB_BLOCK_GROUPS) / 4u;
     for (var w = 0u; w < last; w++) {
-        ranks += umb_ranks(umb_pool[block + 1u + w]);
+        ranks += umb_ranks(umb_pool_word(block + 1u + w));
     }
-    let own = umb_pool[block + 1u + last];
+    let own = umb_pool_word(block + 1u + last);
     let shift = 8u * (number % 4u);
     ranks += umb_ranks(own & ((1u << (shift + 2u * c)) - 1u));
     return UmbVectorChild((own >> shift) & 0xFFu, 1u + ranks.x, ranks.y);
@@ -161,11 +161,11 @@ fn umb_plane(page: UmbPage, at: u32, place: vec2<u32>) -> u32 {
         return 0u;
     }
     let words = page.base + at;
-    let x = extractBits(bitcast<i32>(umb_pool[words + UMB_PLANE_X_WORD]), UMB_PLANE_X_SHIFT, UMB_PLANE_X_BITS);
-    let y = extractBits(bitcast<i32>(umb_pool[words + UMB_PLANE_Y_WORD]), UMB_PLANE_Y_SHIFT, UMB_PLANE_Y_BITS);
-    let shift = extractBits(umb_pool[words + UMB_PLANE_SHIFT_WORD], UMB_PLANE_SHIFT_SHIFT, UMB_PLANE_SHIFT_BITS);
-    let high = extractBits(bitcast<i32>(umb_pool[words + UMB_PLANE_HIGH_WORD]), UMB_PLANE_HIGH_SHIFT, UMB_PLANE_HIGH_BITS);
-    let offset = vec2<u32>(umb_pool[words + UMB_PLANE_LOW_WORD], bitcast<u32>(high));
+    let x = extractBits(bitcast<i32>(umb_pool_word(words + UMB_PLANE_X_WORD)), UMB_PLANE_X_SHIFT, UMB_PLANE_X_BITS);
+    let y = extractBits(bitcast<i32>(umb_pool_word(words + UMB_PLANE_Y_WORD)), UMB_PLANE_Y_SHIFT, UMB_PLANE_Y_BITS);
+    let shift = extractBits(umb_pool_word(words + UMB_PLANE_SHIFT_WORD), UMB_PLANE_SHIFT_SHIFT, UMB_PLANE_SHIFT_BITS);
+    let high = extractBits(bitcast<i32>(umb_pool_word(words + UMB_PLANE_HIGH_WORD)), UMB_PLANE_HIGH_SHIFT, UMB_PLANE_HIGH_BITS);
+    let offset = vec2<u32>(umb_pool_word(words + UMB_PLANE_LOW_WORD), bitcast<u32>(high));
     let rise = umb_wide_sum(umb_wide_signed_product(x, place.x), umb_wide_signed_product(y, place.y));
     let v = umb_wide_sum(offset, umb_wide_shift(rise, shift));
     if bitcast<i32>(v.y) < 0 {
@@ -180,9 +180,9 @@ fn umb_beyond(page: UmbPage, at: u32, place: vec2<u32>) -> bool {
     var low = 0u;
     var last = 0u;
     if umb_inside(page, at, UMB_LINE_WORDS) {
-        m = umb_pool[page.base + at + UMB_LINE_M_WORD];
-        low = umb_pool[page.base + at + UMB_LINE_LOW_WORD];
-        last = umb_pool[page.base + at + UMB_LINE_HIGH_WORD];
+        m = umb_pool_word(page.base + at + UMB_LINE_M_WORD);
+        low = umb_pool_word(page.base + at + UMB_LINE_LOW_WORD);
+        last = umb_pool_word(page.base + at + UMB_LINE_HIGH_WORD);
     }
     let axis = (last >> UMB_LINE_AXIS_SHIFT) & 1u;
     let u = select(place.x, place.y, axis == 1u);
@@ -203,20 +203,20 @@ fn umb_entry(page: UmbPage, s: UmbSections, entry: u32, place: vec2<u32>) -> u32
             return 0u;
         }
         let words = page.base + at;
-        let first = extractBits(umb_pool[words + UMB_RAW_AT_WORD], UMB_RAW_AT_SHIFT, UMB_RAW_AT_BITS);
-        let width = extractBits(umb_pool[words + UMB_RAW_WIDTH_WORD], UMB_RAW_WIDTH_SHIFT, UMB_RAW_WIDTH_BITS);
-        let shift = extractBits(umb_pool[words + UMB_RAW_SHIFT_WORD], UMB_RAW_SHIFT_SHIFT, UMB_RAW_SHIFT_BITS);
-        return umb_pool[words + UMB_RAW_BASE_WORD] + (umb_packed(page, first, min(width, 32u), cell) << shift);
+        let first = extractBits(umb_pool_word(words + UMB_RAW_AT_WORD), UMB_RAW_AT_SHIFT, UMB_RAW_AT_BITS);
+        let width = extractBits(umb_pool_word(words + UMB_RAW_WIDTH_WORD), UMB_RAW_WIDTH_SHIFT, UMB_RAW_WIDTH_BITS);
+        let shift = extractBits(umb_pool_word(words + UMB_RAW_SHIFT_WORD), UMB_RAW_SHIFT_SHIFT, UMB_RAW_SHIFT_BITS);
+        return umb_pool_word(words + UMB_RAW_BASE_WORD) + (umb_packed(page, first, min(width, 32u), cell) << shift);
     }
     if number >= s.first_mask {
         let at = s.masks + (number - s.first_mask) * UMB_MASK_WORDS;
         number = 0u;
         if umb_inside(page, at, UMB_MASK_WORDS) {
             let words = page.base + at;
-            let selectors = umb_pool[words + UMB_MASK_SELECTORS_WORD];
+            let selectors = umb_pool_word(words + UMB_MASK_SELECTORS_WORD);
             // Three fields of one width beside each other; a selector of 3 counts as 2.
             let n = min((selectors >> (2u * cell)) & 3u, 2u);
-            number = extractBits(umb_pool[words + UMB_MASK_A_WORD], UMB_MASK_A_SHIFT + n * UMB_MASK_A_BITS, UMB_MASK_A_BITS);
+            number = extractBits(umb_pool_word(words + UMB_MASK_A_WORD), UMB_MASK_A_SHIFT + n * UMB_MASK_A_BITS, UMB_MASK_A_BITS);
         }
     } else {
         for (var depth = 0u; depth < UMB_MAX_DEPTH && number >= s.first_split; depth++) {
