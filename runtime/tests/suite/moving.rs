@@ -54,6 +54,8 @@ fn what_moves_casts_on_the_city_and_receives_from_it() {
     eprintln!(
         "{name}: {held} points held, {wrong} wrong; {cast} in the object's shadow, of its own {dark} dark, {bright} bright"
     );
+    // The few lie where a wall meets a roof: texels of which no value is right for all receivers (`umbrage query --source` calls
+    // them uncertified).
     assert!(held > 10_000 && wrong * 1000 < held, "{wrong} of {held}");
     assert!(cast > 50 && dark > 20 && bright > 20, "{cast} {dark} {bright}");
 }
