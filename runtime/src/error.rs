@@ -70,13 +70,14 @@ pub enum RuntimeError {
         reason: String,
     },
     /// A buffer is larger than the device binds.
-    #[error("{what} needs {needed} bytes and the device binds at most {most}; ask it for a larger limit")]
+    #[error("{what} needs {needed} bytes and the device binds at most {most}; ask it for larger limits")]
     Binding {
         /// Which buffer.
         what: &'static str,
         /// Its bytes.
         needed: u64,
-        /// `max_storage_buffer_binding_size` or `max_buffer_size`.
+        /// `max_storage_buffer_binding_size` or `max_buffer_size`; for the pool as often as it may be bound, which
+        /// `max_storage_buffers_per_shader_stage` says.
         most: u64,
     },
     /// The device was lost, or an operation on it failed.

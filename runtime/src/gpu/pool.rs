@@ -18,21 +18,26 @@ pub struct Pieces {
 }
 
 impl Pieces {
-    /// As many as a budget needs, and no more than the device binds.
-    pub fn new(device: &wgpu::Device, budget_bytes: u64) -> Self {
+    /// As many as a pool needs, and no more than the device binds.
+    pub fn new(device: &wgpu::Device, pool_bytes: u64) -> Self {
         let most = device.limits().max_storage_buffers_per_shader_stage.saturating_sub(OTHERS).clamp(1, MOST_POOLS);
-        Self::divide(budget_bytes, largest(device), most)
+        Self::divide(pool_bytes, largest(device), most)
     }
 
-    fn divide(budget_bytes: u64, largest: u64, most: u32) -> Self {
-        // Pages lie in blocks, and no block in two buffers.
-        let bytes = 1u64 << largest.max(1).ilog2();
-        let count = budget_bytes.div_ceil(bytes).min(most.into()) as u32;
-        // Several of two thirds of the largest hold less than that one.
-        if budget_bytes <= largest || bytes < BLOCK_BYTES || bytes * u64::from(count) <= largest {
+    fn divide(pool_bytes: u64, largest: u64, most: u32) -> Self {
+        // Pages lie in blocks, and no block in two buffers; a shift is at most 31.
+        let bytes = 1u64 << largest.clamp(1, 1 << 33).ilog2();
+        let count = pool_bytes.div_ceil(bytes).min(most.into()) as u32;
+        // Two of half the largest hold no more than that one.
+        if pool_bytes <= largest || bytes < BLOCK_BYTES || bytes * u64::from(count) <= largest {
             return Self { count: 1, bytes: largest };
         }
         Self { count, bytes }
+    }
+
+    /// Bytes of the largest pool that a device binds.
+    pub fn largest_pool(device: &wgpu::Device) -> u64 {
+        Self::new(device, u64::MAX).most()
     }
 
     /// Bytes that all hold together.
@@ -103,7 +108,7 @@ mod tests {
     fn a_pool_takes_as_many_buffers_as_it_needs() {
         const MIB: u64 = 1 << 20;
         let found = [
-            // A budget that one buffer holds; the limit need not be a power of two.
+            // A pool that one buffer holds; the limit need not be a power of two.
             (100, 128, 4),
             (130, 200, 4),
             // Several; no more than there are, nor than fit beside what the caller binds.
@@ -115,8 +120,8 @@ mod tests {
             (250, 200, 2),
             (250, 200, 1),
         ];
-        let found = found.map(|(budget, largest, most)| {
-            let p = Pieces::divide(budget * MIB, largest * MIB, most);
+        let found = found.map(|(pool, largest, most)| {
+            let p = Pieces::divide(pool * MIB, largest * MIB, most);
             (p.count, p.most() / MIB)
         });
         assert_eq!(found, [(1, 128), (1, 200), (2, 256), (4, 512), (4, 512), (1, 128), (2, 256), (1, 200)]);

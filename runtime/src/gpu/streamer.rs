@@ -12,14 +12,15 @@ use crate::error::RuntimeError;
 use crate::query::filter::FilterQuery;
 use crate::residency::budget::{BLOCK_BYTES, READBACK_BUFFERS, STAGING_BUFFERS};
 use crate::residency::foresee::Viewpoint;
-use crate::residency::{ABSENT, Budget, Entry as TableEntry, Frame, Op};
+use crate::residency::{ABSENT, Budget, Entry as TableEntry, Frame, LONGEST_WAIT, Op};
 use crate::shader::{self, FEEDBACK_HEAD, FEEDBACK_USED, View};
 use crate::stream::{FrameStats, Streamer, StructureId};
 
 /// Threads that load pages.
 const LOADERS: usize = 2;
-/// Frames without a new page after which the roots count as stuck; longer than a page is parked.
-const ROOTS_IDLE: u32 = 40;
+/// Frames without a new page after which the roots count as stuck: longer than a page keeps its place and another is parked.
+const ROOTS_IDLE: u32 = 64;
+const _: () = assert!(ROOTS_IDLE as u64 > LONGEST_WAIT + 8);
 
 /// What the device said about a frame, some frames later.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -148,7 +149,8 @@ pub(super) fn filled(
 impl GpuStreamer {
     /// For one structure that stays: makes the buffers, all of them within `budget_bytes`, and brings in the roots. This
     /// call waits for reads and for the device. A pool beyond what the device binds in one buffer (128 MiB on many) lies in
-    /// several, [`pools`](Self::pools); a budget beyond what the device binds in all of them is used up to that.
+    /// several, [`pools`](Self::pools); a budget beyond what the device binds in all of them is used up to that. Of the storage buffers
+    /// that the device allows a stage two are left to the caller: who needs more asks the device for more.
     ///
     /// # Errors
     /// The budget is too small, a buffer larger than the device binds, or a root can't be read.
@@ -158,15 +160,14 @@ impl GpuStreamer {
         structure: &Structure,
         budget_bytes: u64,
     ) -> Result<Self, RuntimeError> {
-        let pieces = Pieces::new(device, budget_bytes);
-        let streamer = Streamer::new(structure, budget_bytes, pieces.most(), LOADERS)?;
-        let mut this = Self::over(device, queue, streamer, pieces)?;
+        let streamer = Streamer::new(structure, budget_bytes, Pieces::largest_pool(device), LOADERS)?;
+        let mut this = Self::over(device, queue, streamer)?;
         this.wait_ready()?;
         Ok(this)
     }
 
     /// For structures that come and go: makes the buffers, all of them within `budget_bytes`, with a page table of `table`
-    /// entries; see [`Streamer::with_table`].
+    /// entries; see [`Streamer::with_table`]. The pool's buffers are those of [`new`](Self::new).
     ///
     /// # Errors
     /// The budget is too small, or a buffer larger than the device binds.
@@ -176,17 +177,14 @@ impl GpuStreamer {
         budget_bytes: u64,
         table: u32,
     ) -> Result<Self, RuntimeError> {
-        let pieces = Pieces::new(device, budget_bytes);
-        let streamer = Streamer::with_table(budget_bytes, table, pieces.most(), LOADERS)?;
-        Self::over(device, queue, streamer, pieces)
+        let streamer = Streamer::with_table(budget_bytes, table, Pieces::largest_pool(device), LOADERS)?;
+        Self::over(device, queue, streamer)
     }
 
-    fn over(
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        streamer: Streamer,
-        pieces: Pieces,
-    ) -> Result<Self, RuntimeError> {
+    fn over(device: &wgpu::Device, queue: &wgpu::Queue, mut streamer: Streamer) -> Result<Self, RuntimeError> {
+        let pieces = Pieces::new(device, streamer.budget().pool());
+        // Layouts stay: later budgets have as many buffers.
+        streamer.set_most_pool(pieces.most());
         let read_only = wgpu::BufferBindingType::Storage { read_only: true };
         let own = [
             entry(1, read_only),
@@ -264,9 +262,7 @@ impl GpuStreamer {
     pub fn recover(self, device: &wgpu::Device, queue: &wgpu::Queue) -> Result<Self, RuntimeError> {
         let Self { mut streamer, selected, .. } = self;
         streamer.restart()?;
-        let pieces = Pieces::new(device, streamer.budget().total);
-        streamer.set_most_pool(pieces.most());
-        Ok(Self { selected, ..Self::over(device, queue, streamer, pieces)? })
+        Ok(Self { selected, ..Self::over(device, queue, streamer)? })
     }
 
     /// Waits until the roots of all structures have come, those of versions that are to take another's place included. For

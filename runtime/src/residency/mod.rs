@@ -9,8 +9,8 @@
 //! - What weighs most comes first: the weight of a page is the sum over the receivers that miss it of their error on the
 //!   screen; its worth is that weight for each of its words. What finds no room is parked and counted ([`Stats::starved`]).
 //! - Roots are pinned. Of the others the least recently used goes first, once nobody has used it for some rounds; one that is in
-//!   use goes only for a page that is needed now and worth more than twice what it was when it came. So what does not
-//!   fit does not go round in a circle.
+//!   use goes only for a page that is needed now and worth more than twice what it is: what it was when it came, half after
+//!   each 12 rounds without use. So what does not fit does not go round in a circle.
 //! - A page that fails is tried again after 2, 4, … 256 frames.
 //!
 //! - Several structures share pool and page table ([`Residency::attach`]): ordinals are places in that table. They come and
@@ -61,6 +61,9 @@ const HALVED: u64 = 12;
 const PATIENCE: u64 = 6;
 /// Frames for which a page is parked that found no room.
 const PARKED: u64 = 8;
+
+/// Most frames with feedback in each for which a page waits that others make room for.
+pub const LONGEST_WAIT: u64 = KEPT + GRACE + PARKED;
 
 #[derive(Debug)]
 enum State {

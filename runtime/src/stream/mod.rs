@@ -49,7 +49,7 @@ pub struct PageFailure {
 /// [`Streamer::new`].
 ///
 /// # Errors
-/// The budget is too small, or the index can't be read.
+/// The budget or `most_pool` is too small, or the index can't be read.
 pub fn divide(structure: &Structure, budget_bytes: u64, most_pool: u64) -> Result<(Budget, Config), RuntimeError> {
     let pages = structure.page_count();
     // The index of a large file is read only where the budget is so small that the longest way down may not fit.
@@ -113,7 +113,7 @@ impl Streamer {
     ///
     /// # Errors
     /// The budget can't hold tables, roots and any page with all pages above it: with fewer bytes than the error tells,
-    /// some lookups would be answered by ancestors for ever. Or the index can't be read.
+    /// some lookups would be answered by ancestors for ever; or `most_pool` can't. Or the index can't be read.
     pub fn new(structure: &Structure, budget_bytes: u64, most_pool: u64, threads: usize) -> Result<Self, RuntimeError> {
         let (budget, _) = divide(structure, budget_bytes, most_pool)?;
         let mut this = Self::over(budget, structure.page_count(), most_pool, threads);
@@ -166,7 +166,7 @@ impl Streamer {
     /// becomes small.
     ///
     /// # Errors
-    /// It can't hold the roots of all structures and any page with all above it; the old one holds on.
+    /// It, or the largest pool, can't hold the roots of all structures and any page with all above it; the old one holds on.
     pub fn set_budget(&mut self, budget_bytes: u64) -> Result<(), RuntimeError> {
         let enough = Budget::divide(budget_bytes, self.table, self.enough_blocks(false)?, self.most_pool);
         let budget = match enough {

@@ -117,6 +117,20 @@ fn where_the_device_has_no_more_buffers_the_pool_is_what_one_holds() {
 }
 
 #[test]
+fn the_least_budget_is_told_whatever_one_buffer_holds() {
+    let headless = narrow(8);
+    // Its least pool is more than one buffer.
+    let structure = opened(random_vector("pieces-least", 2, 10, 6).1);
+    let least = match GpuStreamer::new(&headless.device, &headless.queue, &structure, 1000) {
+        Err(RuntimeError::Budget(e)) => e.needed,
+        other => panic!("{:?}", other.map(|g| g.pools())),
+    };
+    let gpu = streamer(&headless, &structure, least);
+    let pool = gpu.streamer().budget().pool();
+    assert!(gpu.pools() > 1 && u64::from(gpu.pools()) == pool.div_ceil(LARGEST), "{} of {pool}", gpu.pools());
+}
+
+#[test]
 fn another_device_may_bind_less() {
     let structure = opened(random_vector("pieces-recover", 2, 10, 6).1);
     let first = streamer(&narrow(8), &structure, 4 << 20);

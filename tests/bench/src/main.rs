@@ -123,8 +123,8 @@ enum Suite {
 }
 
 fn stride(s: &str) -> Result<u32, String> {
-    let fits = |n: &u32| n.is_power_of_two() && *n <= 64;
-    s.parse().ok().filter(fits).ok_or_else(|| "expected a power of two from 1 to 64".to_string())
+    let fits = |n: &u32| n.is_power_of_two() && *n <= 16;
+    s.parse().ok().filter(fits).ok_or_else(|| "expected a power of two from 1 to 16".to_string())
 }
 
 /// Why a suite ended, and with which exit code.
