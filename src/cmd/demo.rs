@@ -39,7 +39,7 @@ pub struct Args {
     json: bool,
 }
 
-/// The most that ends well within a minute on two cores.
+/// The most that ends in about a minute on two cores.
 const RESOLUTION: u64 = 1048576;
 const SCENE: &str = "city:1";
 const SIZE: [u32; 2] = [1280, 720];

@@ -144,10 +144,13 @@ fn samples_of_maps_of_65536_are_right() {
                     (run(Kind::Mh, side, 0).bytes, begin.elapsed().as_secs_f64())
                 };
                 let each_texel = || {
-                    let ((bytes, short), long) = (timed(2048), || timed(4096).1);
+                    let (bytes, short) = timed(2048);
+                    if bytes > EACH_TEXEL_BYTES {
+                        return true;
+                    }
+                    let (_, long) = timed(4096);
                     // An area's times grow by 4, a line's by 2.
-                    let slow = |long: f64| long * (long / short).clamp(1.0, 4.0).powi(4) > EACH_TEXEL_SECONDS;
-                    bytes > EACH_TEXEL_BYTES || slow(long())
+                    long * (long / short).clamp(1.0, 4.0).powi(4) > EACH_TEXEL_SECONDS
                 };
                 // The two of the short run are known not to be.
                 let side = if seeds().is_some() && each_texel() { 4096 } else { 1 << 16 };
