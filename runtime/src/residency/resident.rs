@@ -438,3 +438,101 @@ impl Lesser {
         self.0[lesser(worth)]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a page is worth in classes, two for each doubling, counted instead of computed.
+    fn class(worth: u64, rounds: u64) -> i64 {
+        let bounds = (0..32).flat_map(|k| [1u64 << k, (1 << k) + (1 << k) / 2]).skip(2);
+        let own = bounds.filter(|b| *b <= worth.max(1)).count() as i64 + i64::from(worth > 1);
+        (own - 2 * (rounds / HALVED) as i64).max(0)
+    }
+
+    /// Everything by looking at all pages.
+    fn naive(pages: &[(u32, u64, u32, u32)], round: u64, worth: u32) -> (u64, Option<i64>, bool) {
+        let kept = |stamp: u64| stamp + KEPT >= round;
+        let past = pages.iter().any(|p| !kept(p.1));
+        let mut words = 0;
+        let mut least: Option<i64> = None;
+        for &(_, stamp, own, length) in pages.iter().filter(|p| kept(p.1) && p.1 <= round) {
+            let now = class(own.into(), round - stamp);
+            if now + 3 <= class(worth.into(), 0) {
+                words += u64::from(taken(length));
+                least = Some(least.map_or(now, |l| l.min(now)));
+            }
+        }
+        (words, least, past)
+    }
+
+    #[test]
+    fn who_goes_is_whom_looking_at_all_pages_finds() {
+        let mut state = 12345u64;
+        let mut dice = move |n: u64| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) % n
+        };
+        let mut residents = Residents::default();
+        let mut pages: Vec<(u32, u64, u32, u32)> = Vec::new();
+        let (mut round, mut next, mut aged_ones, mut past_ones) = (0, 0, 0, 0);
+        for _ in 0..20_000 {
+            match dice(8) {
+                0 => {
+                    round += 1;
+                    residents.begin(round);
+                }
+                3 | 4 if pages.len() < 40 => {
+                    let (worth, words, stamp) = (1 << dice(20), 1 + dice(3000) as u32, round + GRACE);
+                    let worth = worth + dice(worth.into()) as u32;
+                    let page = Resident {
+                        at: 0,
+                        words,
+                        hash: None,
+                        first_child: 0,
+                        child_count: 0,
+                        children: Arc::default(),
+                        depth: 0,
+                        worth,
+                        stamp,
+                        dependents: 0,
+                        needs: Vec::new(),
+                        pinned: false,
+                    };
+                    residents.insert(next, page);
+                    pages.push((next, stamp, worth, words));
+                    next += 1;
+                }
+                1 | 2 | 5 | 6 if !pages.is_empty() => {
+                    let i = dice(pages.len() as u64) as usize;
+                    residents.touch(pages[i].0, round);
+                    pages[i].1 = pages[i].1.max(round);
+                }
+                7 if pages.len() > 30 => {
+                    let gone = pages.swap_remove(dice(pages.len() as u64) as usize);
+                    residents.remove(gone.0);
+                }
+                _ => {}
+            }
+            let worth = (1u32 << dice(20)) + dice(1000) as u32;
+            let (words, least, past) = naive(&pages, round, worth);
+            assert_eq!(residents.lesser().words(worth), words);
+            let own = |o: u32| *pages.iter().find(|p| p.0 == o).unwrap();
+            match residents.victim(worth, true, &[]) {
+                Some(o) if past => {
+                    past_ones += 1;
+                    assert_eq!(Some(own(o).1), pages.iter().map(|p| p.1).min());
+                    residents.remove(o);
+                    pages.retain(|p| p.0 != o);
+                }
+                found => {
+                    assert!(!past);
+                    let now = found.map(own).map(|p| class(p.2.into(), round - p.1));
+                    assert_eq!(now, least);
+                    aged_ones += u32::from(found.is_some_and(|o| round - own(o).1 >= HALVED));
+                }
+            }
+        }
+        assert!(aged_ones > 1000 && past_ones > 100, "{aged_ones} {past_ones}");
+    }
+}
