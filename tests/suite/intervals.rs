@@ -117,6 +117,40 @@ fn generated_scenes_store_only_right_values() {
     }
 }
 
+/// Level plates that coincide in part, above a solid.
+fn plates() -> Mesh {
+    let mut mesh = Mesh::default();
+    let level = [(0.5, -1.0, 0.25), (0.5, -0.3, 1.0), (0.5, 0.1, 0.9), (0.2, -0.9, 0.8)];
+    for (y, from, to) in level {
+        let positions = [[from, y, -1.0], [from, y, 0.7], [to, y, 0.7], [to, y, -1.0]].to_vec();
+        mesh.append(&Mesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3]] });
+    }
+    let positions = [[-1.0, -1.0, -1.0], [1.0, -0.9, -0.8], [-0.7, -0.5, 1.0], [0.1, 0.1, 0.0]].to_vec();
+    mesh.append(&Mesh { positions, triangles: vec![[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]] });
+    mesh
+}
+
+/// Under a light from straight above they certify no texel, but have one depth: squares are not looked at texel by texel.
+#[test]
+fn level_plates_are_done_by_the_square() {
+    let down = [0.0, -1.0, 0.0];
+    for policy in [Policy::SecondSurface, Policy::Thickness(1e-12), Policy::Thickness(1e-8), Policy::Thickness(0.3)] {
+        for resolution in [64, 512] {
+            check(&plates(), down, resolution, policy, false);
+            check_vector(&plates(), down, resolution, policy, 4000);
+        }
+        let behind = if let Policy::Thickness(t) = policy { t } else { 0.0 };
+        let lattice = frame::orthographic(down, 12, &plates().positions, behind).unwrap();
+        let snapped = snap(&plates(), lattice, policy).unwrap();
+        let options = Options { exhaustive: false, guard: 3, top_down: false };
+        for build in [build, vector::build::build] {
+            let tree = build(&snapped, options, Spool::in_memory(), &Default::default()).unwrap();
+            // borders and diagonals are lines
+            assert!(tree.counts.texels_evaluated < 100 * 4096, "{policy:?}: {:?}", tree.counts);
+        }
+    }
+}
+
 /// A sequence that is the same everywhere.
 struct Random(u64);
 

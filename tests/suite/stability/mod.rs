@@ -54,6 +54,11 @@ fn only() -> String {
     std::env::var("UMBRAGE_ATTACK").unwrap_or_default()
 }
 
+/// In long runs of one attack: which light of `LIGHTS`; without it all. A map can take minutes, and a run be cut short.
+fn light() -> Option<usize> {
+    std::env::var("UMBRAGE_LIGHT").ok().and_then(|s| s.parse().ok())
+}
+
 /// What is tried of an attack: a light and sides of maps.
 type Part = ([f64; 3], Vec<u64>);
 
@@ -129,9 +134,10 @@ const EACH_TEXEL_SECONDS: f64 = 600.0;
 #[test]
 fn samples_of_maps_of_65536_are_right() {
     let found = each_attack("huge", |folder, i, attack, told| {
-        let lights = match (seeds(), attack.name) {
-            (Some(_), _) => &LIGHTS[..4],
-            (None, "one triangle" | "far away") => &LIGHTS[i % 2..][..1],
+        let lights = match (seeds(), light(), attack.name) {
+            (Some(_), Some(at), _) => &LIGHTS[at..][..1],
+            (Some(_), None, _) => &LIGHTS[..4],
+            (None, _, "one triangle" | "far away") => &LIGHTS[i % 2..][..1],
             _ => &[],
         };
         let probe = |mesh: &Mesh, case: &Case| folder.probe(attack.name, mesh, case);

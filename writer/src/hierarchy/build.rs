@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::interval::proof::Prover;
 use crate::interval::ray::Rays;
-use crate::interval::texel::{Effort, Scratch, is_open, texel};
+use crate::interval::texel::{Effort, Scratch, Truth, is_open, level, texel};
 use crate::interval::triangle::{Cover, Local, Surface, surfaces};
 use crate::interval::{Interval, wide};
 use crate::solid::SnappedMesh;
@@ -49,6 +49,12 @@ pub struct Counts {
 }
 
 impl Counts {
+    /// Counts texels of which this is true.
+    pub(crate) fn found(&mut self, truth: &Truth, texels: u64) {
+        self.edge_texels += if truth.certified { 0 } else { texels };
+        self.thin_texels += if truth.thin { texels } else { 0 };
+    }
+
     pub(crate) fn add(&mut self, o: &Counts) {
         self.edge_texels += o.edge_texels;
         self.thin_texels += o.thin_texels;
@@ -369,15 +375,21 @@ impl Tile<'_> {
         if at.level == 0 {
             self.counts.texels_evaluated += 1;
             let truth = texel(&self.rays, list, p, size, wide(self.cx.guard), &mut self.scratch);
-            self.counts.edge_texels += u64::from(!truth.certified);
-            self.counts.thin_texels += u64::from(truth.thin);
+            self.counts.found(&truth, 1);
             return self.leaf(at, Node::guarded(truth.interval, self.cx.guard));
         }
-        if !self.cx.exhaustive && list.len() <= PROOF_LIST {
-            let proven = self.prover.prove(&self.rays, list, p, size, self.cx.second_surface, false);
+        if !self.cx.exhaustive {
+            let few = list.len() <= PROOF_LIST;
+            let prove = || self.prover.prove(&self.rays, list, p, size, self.cx.second_surface, false);
             // a narrow proof may be part of a wide interval, whose value keeps the guard
-            if let Some(interval) = proven.filter(|i| i.width() >= wide(self.cx.guard)) {
+            if let Some(interval) = few.then(prove).flatten().filter(|i| i.width() >= wide(self.cx.guard)) {
                 return self.leaf(at, Node::guarded(interval, self.cx.guard));
+            }
+            let locals = self.rays.locals;
+            let over = |k: usize| locals[list[k] as usize].cover(p[0], p[1], size) == Cover::All;
+            if let Some(truth) = level(&self.rays, list, over, p, size, &mut self.scratch) {
+                self.counts.found(&truth, 1 << (2 * at.level));
+                return self.leaf(at, Node::guarded(truth.interval, self.cx.guard));
             }
         }
         let end = self.stack.len();

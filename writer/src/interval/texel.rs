@@ -114,6 +114,35 @@ fn layered(rays: &Rays, list: &[u32], p: [i64; 2], size: i64) -> bool {
     })
 }
 
+/// The truth for every texel of the tile-relative square, where level surfaces that cover it begin and end the stretch in front of all
+/// others: then it is the same on every ray. `over` says of a surface's place in the list whether it covers the square.
+pub fn level(
+    rays: &Rays,
+    list: &[u32],
+    over: impl Fn(usize) -> bool,
+    p: [i64; 2],
+    size: i64,
+    scratch: &mut Scratch,
+) -> Option<Truth> {
+    let (mut first, mut others) = (i64::MAX, i64::MAX);
+    for (k, i) in list.iter().enumerate() {
+        let l = &rays.locals[*i as usize];
+        let nearest = if l.event != Event::Wall && l.zmin == l.zmax && over(k) { &mut first } else { &mut others };
+        *nearest = l.zmin.min(*nearest);
+    }
+    if first >= others {
+        return None;
+    }
+    let centre = rays.stretch(list, p.map(|c| c + size / 2), [1, 1], &mut scratch.ray);
+    match centre {
+        Stretch::Covered { lo, hi } if hi < others => {
+            let (interval, thin) = centre.interval();
+            Some(Truth { interval, certified: lo < hi, thin })
+        }
+        _ => None,
+    }
+}
+
 /// The truth for the texel at tile-relative lattice point `p`; `list` holds the surfaces that overlap its open square,
 /// sorted by solid. An interval narrower than `wide` is the whole truth; a wider one may be a proven part of it.
 pub fn texel(rays: &Rays, list: &[u32], p: [i64; 2], size: i64, wide: u64, scratch: &mut Scratch) -> Truth {

@@ -8,14 +8,14 @@ use umbrage_format::kind::mh::{Mask, NodeType};
 
 use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale, raw_words};
 use super::page::{Forest, Group, INDEX_COST, Node, SHARES};
-use super::search::{BLOCK_LEVEL, Edges, SMALL_LOG2, Search};
+use super::search::{BLOCK_LEVEL, Edges, SMALL_LOG2, Search, known};
 use super::texels::{self, Block};
 use crate::hierarchy::build::{Counts, Options, Progress, Stop, Tree};
 use crate::hierarchy::mh::NONE;
 use crate::hierarchy::page::{At, COARSE_DEPTH};
 use crate::hierarchy::spool::Spool;
 use crate::interval::ray::Rays;
-use crate::interval::texel::{Scratch, is_open, texel};
+use crate::interval::texel::{Scratch, is_open, level, texel};
 use crate::interval::triangle::{Cover, Local, Surface, surfaces};
 use crate::interval::{Event, Interval, wide};
 use crate::solid::SnappedMesh;
@@ -241,6 +241,14 @@ impl Tile<'_> {
         if let Some((id, proven)) = self.search.square(&mut self.forest.palette, (list, over), p, size, above) {
             return Node { proven: Some(proven), ..Node::leaf(id) };
         }
+        let over = |k: usize| self.over[start + k];
+        if let Some(truth) = level(&self.rays, &self.stack[start..], over, p, size, &mut self.scratch) {
+            self.search.forget(facts);
+            self.counts.found(&truth, 1 << (2 * at.level));
+            let v = known(&self.forest.palette, truth.interval.guarded(self.cx.guard));
+            let id = self.forest.palette.entry(Entry::Constant(v));
+            return Node { proven: Some(false), ..Node::leaf(id) };
+        }
         if at.level == BLOCK_LEVEL {
             self.search.forget(facts);
             return self.block(at, start, above);
@@ -292,8 +300,7 @@ impl Tile<'_> {
         self.counts.texels_evaluated += 1;
         let guard = self.cx.guard;
         let truth = texel(&self.rays, &self.stack[start..], p, size, wide(guard), &mut self.scratch);
-        self.counts.edge_texels += u64::from(!truth.certified);
-        self.counts.thin_texels += u64::from(truth.thin);
+        self.counts.found(&truth, 1);
         truth.interval.guarded(guard)
     }
 
