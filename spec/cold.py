@@ -4,6 +4,7 @@ import struct
 import zlib
 
 from rules import Broken, need
+from vector import plane
 
 SLOTS = 1024
 PLAIN, PLAIN_TABLES = 0x8000, [256] * 4
@@ -355,7 +356,8 @@ class Decoder:
         for i in range(count):
             symbol = self.symbol(table)
             if symbol == 0:
-                a, b = self.bits(32), self.bits(25)
+                a = self.bits(32)
+                b = self.bits(28 if a >> 31 else 25)
             elif symbol == 9:
                 place = self.number(table + 1)
                 tell(place < len(self.model.slopes))
@@ -363,12 +365,14 @@ class Decoder:
             else:
                 tell(symbol <= i)
                 a, b = known[-symbol]
-            b &= (1 << 25) - 1
-            rise = (signed(a, 25) + signed(b, 25)) * centre >> (a >> 25 & 63)
+            low = 28 if a >> 31 else 25
+            b &= (1 << low) - 1
+            _, gx, gy, shift = plane(0, a, b)
+            rise = (gx + gy) * centre >> shift
             depth = signed(depth + unzigzag(self.number(table + 2 + (1 <= symbol < 9))), 64)
-            offset = depth - rise & (1 << 39) - 1
+            offset = depth - rise & (1 << 64 - low) - 1
             known.append((a, b))
-            self.out[first + 3 * i : first + 3 * i + 3] = offset & M32, a, b | offset >> 32 << 25
+            self.out[first + 3 * i : first + 3 * i + 3] = offset & M32, a, b | offset >> 32 << low
 
     def part(self, table, others, following):
         symbol = self.symbol(table)

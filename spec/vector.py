@@ -112,7 +112,10 @@ class Vector:
         for i in range(lines):
             need(words[self.at["lines"] + 3 * i + 2] >> 17 == 0, "vector.line", at, i)
         for i in range(self.split - self.plane):
-            need(words[self.at["planes"] + 3 * i + 1] >> 31 == 0, "vector.plane", at, i)
+            first = self.at["planes"] + 3 * i
+            if words[first + 1] >> 31:
+                _, gx, gy, _ = plane(*words[first : first + 3])
+                need(max(gx, gy) >= 2**24 or min(gx, gy) < -(2**24), "vector.plane", at, i)
         depths = {}
         for i in range(self.split, self.mask):
             line, *sides = self.split_of(i)
@@ -142,8 +145,7 @@ class Vector:
 
     def plane_of(self, i):
         at = self.at["planes"] + 3 * (i - self.plane)
-        o0, w1, w2 = self.words[at : at + 3]
-        return signed(w2 >> 25, 7) * 2**32 + o0, signed(w1, 25), signed(w2, 25), w1 >> 25 & 63
+        return plane(*self.words[at : at + 3])
 
     def split_of(self, i):
         word = self.words[self.at["splits"] + i - self.split]
@@ -208,6 +210,14 @@ class Vector:
             link = (self.levels[g], r.origin_x + x, r.origin_y + y, r.root)
             said.append((link, (r.min_depth, r.max_depth), inherited[g]))
         return said
+
+
+def plane(o0, w1, w2):
+    """Offset, gx, gy and shift of a plane's words."""
+    if w1 >> 31:
+        gx = w1 & (1 << 26) - 1 | (w2 >> 27 & 1) << 26
+        return signed(w2 >> 28, 4) * 2**32 + o0, signed(gx, 27), signed(w2, 27), (w1 >> 26 & 31) + 8
+    return signed(w2 >> 25, 7) * 2**32 + o0, signed(w1, 25), signed(w2, 25), w1 >> 25 & 63
 
 
 def signed(n, bits):

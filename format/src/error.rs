@@ -153,7 +153,7 @@ rules! {
     VectorPadding "vector.padding" "unused bits of a section are zero" WRITER;
     VectorLevels "vector.levels" "the record's finest level is that of the finest group" WRITER;
     VectorLine "vector.line" "unused bits of a line are zero" WRITER;
-    VectorPlane "vector.plane" "unused bits of a plane are zero" WRITER;
+    VectorPlane "vector.plane" "a plane is fine only where its slopes need it" WRITER;
     VectorSplit "vector.split" "splits refer to a line and to entries before them, at most 4 deep" WRITER;
     VectorMask "vector.mask" "masks choose among constants and planes" WRITER;
     VectorRaw "vector.raw" "raws lie one behind the other in the heap, their values in 32 bits" WRITER;

@@ -9,7 +9,7 @@ use umbrage_format::Kind;
 use umbrage_format::cold::coder::LEAST_STATE;
 use umbrage_format::cold::model::{self, MAX_SLOPES, PROBABILITY_BITS, SLOTS, alphabets};
 use umbrage_format::cold::{Coder, Model, PLAIN, walk};
-use umbrage_format::kind::vector::Layout;
+use umbrage_format::kind::vector::{Layout, Plane};
 
 /// Slopes, and selectors, that are counted at once; beyond, those met once are forgotten.
 const MOST_COUNTED: usize = 1 << 18;
@@ -131,7 +131,7 @@ impl Tally {
         let layout = Layout::of(words);
         let planes = words.get(layout.planes_at.into()..layout.splits_at.into()).unwrap_or_default();
         for plane in planes.chunks_exact(3) {
-            count(&mut self.slopes, [plane[1], plane[2] & 0x1FF_FFFF]);
+            count(&mut self.slopes, Plane::slopes(plane[1], plane[2]));
         }
         let masks = words.get(layout.masks_at.into()..layout.raws_at.into()).unwrap_or_default();
         masks.chunks_exact(2).for_each(|mask| count(&mut self.selectors, mask[1]));

@@ -12,7 +12,7 @@ use core::hint::select_unpredictable;
 use super::tree::GROUPS;
 use super::{Coder, Model, frame, low, plain, put, unzigzag, word, zigzag};
 use crate::kind::Kind;
-use crate::kind::vector::{BLOCK_GROUPS, BLOCK_WORDS, Header, MAX_GROUPS, TOPOLOGY, packed};
+use crate::kind::vector::{BLOCK_GROUPS, BLOCK_WORDS, Header, MAX_GROUPS, Plane, TOPOLOGY, packed};
 use crate::structure::MAX_LOG2_RESOLUTION;
 
 const COUNTS: usize = plain::COUNT;
@@ -384,20 +384,10 @@ fn each_line<C: Coder>(c: &mut C, real: &Real<'_>, out: &mut [u32], at: usize, c
     Some(())
 }
 
-/// Bits of gx and shift, and of gy.
-fn slopes(w1: u32, w2: u32) -> [u32; 2] {
-    [w1, w2 & 0x1FF_FFFF]
-}
-
-/// The 39 bits of an offset, with sign.
-fn plane_offset(w0: u32, w2: u32) -> i64 {
-    (u64::from(w0) << 25 | u64::from(w2 >> 25) << 57).cast_signed() >> 25
-}
-
 /// How much a plane rises from the page's corner to its centre.
 fn plane_rise([a, b]: [u32; 2], centre: i64) -> i64 {
-    let [gx, gy] = [a, b].map(|g| i64::from((g << 7).cast_signed() >> 7));
-    (gx + gy).wrapping_mul(centre) >> (a >> 25 & 63)
+    let Plane { gx, gy, shift, .. } = Plane::decode([0, a, b]);
+    (i64::from(gx) + i64::from(gy)).wrapping_mul(centre) >> (shift & 63)
 }
 
 fn each_plane<C: Coder>(
@@ -414,28 +404,31 @@ fn each_plane<C: Coder>(
         let [w0, w1, w2] = [0, 1, 2].map(|k| real.at(6, 3 * i + k));
         let before = |ago: usize| {
             let first = at.checked_add(3 * i.checked_sub(ago)?)?;
-            Some(slopes(out.get(first + 1).copied()?, out.get(first + 2).copied()?))
+            Some(Plane::slopes(out.get(first + 1).copied()?, out.get(first + 2).copied()?))
         };
         // The place among the model's slopes, where it is there.
-        let place = c.slopes(slopes(w1, w2));
+        let place = c.slopes(Plane::slopes(w1, w2));
         let symbol = c.symbol(SLOPES, || {
-            let ago = (1..=RECENT_PLANES).find(|ago| before(*ago) == Some(slopes(w1, w2)));
+            let ago = (1..=RECENT_PLANES).find(|ago| before(*ago) == Some(Plane::slopes(w1, w2)));
             ago.map_or(if place.is_some() { 9 } else { 0 }, |ago| u32::try_from(ago).unwrap_or(0))
         });
         let [a, b] = match symbol {
-            0 => [c.bits(32, || w1), c.bits(25, || w2 & 0x1FF_FFFF)],
+            0 => {
+                let a = c.bits(32, || w1);
+                [a, c.bits(Plane::slope_bits(a), || Plane::slopes(w1, w2)[1])]
+            }
             9 => *model.slopes().get(usize::try_from(c.number(KNOWN_SLOPES, || place.unwrap_or(0).into())).ok()?)?,
             ago => before(ago as usize)?,
         };
         let rise = plane_rise([a, b], centre);
         let table = OFFSETS + usize::from((1..9).contains(&symbol));
-        let d = c.number(table, || zigzag(plane_offset(w0, w2).wrapping_add(rise).wrapping_sub(depth)));
+        let d = c.number(table, || zigzag(Plane::decode([w0, w1, w2]).offset.wrapping_add(rise).wrapping_sub(depth)));
         depth = depth.wrapping_add(unzigzag(d));
         let offset = depth.wrapping_sub(rise).cast_unsigned();
         let first = at + 3 * i;
         put(out, first, low(offset))?;
         put(out, first + 1, a)?;
-        put(out, first + 2, b & 0x1FF_FFFF | low(offset >> 32) << 25)?;
+        put(out, first + 2, Plane::slopes(a, b)[1] | low(offset >> 32) << Plane::slope_bits(a))?;
     }
     Some(())
 }

@@ -73,6 +73,10 @@ fn the_largest_numbers_answer_as_the_naive_tree() {
     for round in 0..120 {
         let log2 = [3, 14, 20, 24][round % 4];
         let mut plane = || {
+            if any(1) == 0 {
+                let (gx, gy) = (any(27) as i32, any(27) as i32);
+                return Entry::Plane(Plane { offset: any(36), gx, gy, shift: 8 + (any(32) & 31) as u8 });
+            }
             let (gx, gy) = (any(25) as i32, any(25) as i32);
             Entry::Plane(Plane { offset: any(39), gx, gy, shift: (any(32) & 63) as u8 })
         };

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use umbrage_format::Kind;
 use umbrage_format::kind::mh::{Children, Mask, Node, NodeType, ROOT_GROUP};
 use umbrage_format::kind::mmh;
-use umbrage_format::kind::vector::entry::PLANE_MAX;
+use umbrage_format::kind::vector::entry::{FINE_SHIFT, FINE_SLOPE_BITS, PLANE_MAX};
 use umbrage_format::kind::vector::{
     BLOCK_GROUPS, BLOCK_WORDS, Header, Line, MAX_DEPTH, Mask4, Plane, Raw, Split, TOPOLOGY,
 };
@@ -113,6 +113,8 @@ fn numbers() -> Vec<(&'static str, u32)> {
         ("SPLIT_WORDS", 1),
         ("MASK_WORDS", length(&Mask4::default().encode())),
         ("RAW_WORDS", length(&Raw::default().encode())),
+        ("FINE_SLOPE_BITS", FINE_SLOPE_BITS),
+        ("FINE_SHIFT", FINE_SHIFT.into()),
         ("PLANE_MAX", u32::try_from(PLANE_MAX).unwrap_or(u32::MAX)),
         ("MAX_DEPTH", MAX_DEPTH),
         ("UNCOVERED", UNCOVERED),
@@ -230,7 +232,10 @@ mod tests {
             assert_eq!(i64::from(high) << 32 | i64::from(read(&words, "LINE_LOW")), l.c);
             assert_eq!((signed(&words, "LINE_M"), read(&words, "LINE_AXIS")), (l.m, u32::from(l.axis)));
         }
-        // The shader reads it from the word that it has at hand.
+        // The shader reads these from the words that it has at hand.
+        assert_eq!(constant("PLANE_SHIFT_WORD"), constant("PLANE_X_WORD"));
+        assert_eq!(constant("PLANE_HIGH_WORD"), constant("PLANE_Y_WORD"));
+        assert_eq!(constant("PLANE_HIGH_SHIFT") + constant("PLANE_HIGH_BITS"), 32);
         assert_eq!(constant("LINE_AXIS_WORD"), constant("LINE_HIGH_WORD"));
         let s = [Split { line: 0x3A5, a: 0x5A3, b: 0x7C1 }.encode()];
         assert_eq!(["SPLIT_LINE", "SPLIT_A", "SPLIT_B"].map(|n| read(&s, n)), [0x3A5, 0x5A3, 0x7C1]);

@@ -220,6 +220,14 @@ fn entries_at_the_extremes_of_their_fields() {
             }
         }
     }
+    let fine = [-(1 << 26), (1 << 26) - 1, 1 << 24, -(1 << 24) - 1, 0x155_5555, -0x2AA_AAAA, 1, -1];
+    for shift in 8..40 {
+        for (gx, gy) in fine.iter().flat_map(|gx| fine.map(|gy| (*gx, gy))) {
+            let offset =
+                [-(1i64 << 35), (1 << 35) - 1, 0, -1, 0xFFFF_FFFE, 1 << 32, -(1 << 32), 1 << 31][dice.roll(8) as usize];
+            entries.push(Entry::Plane(Plane { offset, gx, gy, shift }));
+        }
+    }
     for m in [i32::MIN, i32::MAX, -1, 0, 1, 0x1234_5678, -0x1234_5678] {
         for c in [-(1i64 << 47), (1 << 47) - 1, 0, -1, 1, 1 << 44, (1 << 44) - 1, 1 << 43, -(1 << 43), 0xFFFF_FFFF] {
             for axis in [false, true] {

@@ -11,7 +11,8 @@
 use alloc::vec::Vec;
 
 use super::{
-    BLOCK_GROUPS, BLOCK_WORDS, Header, Layout, Levels, MAX_DEPTH, MAX_GROUPS, Square, TOPOLOGY, bounds, eval, word,
+    BLOCK_GROUPS, BLOCK_WORDS, Header, Layout, Levels, MAX_DEPTH, MAX_GROUPS, Plane, Square, TOPOLOGY, bounds, eval,
+    word,
 };
 use crate::error::{FormatError, Rule, Value};
 use crate::kind::mh::Mask;
@@ -193,9 +194,10 @@ impl Checker<'_> {
             }
         }
         for i in 0..u32::from(self.header.planes) {
-            let at = u32::from(self.layout.planes_at) + 3 * i + 1;
-            if self.word(at) >> 31 != 0 {
-                return self.fault(Rule::VectorPlane, at, Value::Number(0), 1);
+            let at = u32::from(self.layout.planes_at) + 3 * i;
+            let words = [0, 1, 2].map(|k| self.word(at + k));
+            if words[1] >> 31 == 1 && !Plane::decode(words).is_fine() {
+                return self.fault(Rule::VectorPlane, at + 1, Value::Number(0), 1);
             }
         }
         Ok(())

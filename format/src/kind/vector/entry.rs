@@ -7,6 +7,14 @@
 const SLOPE_BITS: u32 = 25;
 /// Bits of a plane's offset, sign included.
 const OFFSET_BITS: u32 = 39;
+/// Bits of a fine plane's slopes, sign included.
+pub const FINE_SLOPE_BITS: u32 = 27;
+/// Bits of a fine plane's offset, sign included.
+const FINE_OFFSET_BITS: u32 = 36;
+/// Smallest power of a fine plane.
+pub const FINE_SHIFT: u8 = 8;
+/// Powers of fine planes.
+const FINE_SHIFTS: u8 = 32;
 /// Bits of a line's constant, sign included.
 const C_BITS: u32 = 48;
 
@@ -28,11 +36,14 @@ const fn low(v: i64) -> u32 {
 }
 
 /// A depth that grows linearly with the place: `offset + floor((gx X + gy Y) / 2^shift)`, clamped to 0..=0xFFFFFFFE.
+///
+/// A *fine* plane has slopes of 27 bits with sign, an offset of 36 and a power of 8 to 39; it is written where 25 bits do not
+/// hold the slopes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Plane {
     /// Depth at the corner of the page's footprint; 39 bits with sign.
     pub offset: i64,
-    /// Slope in x, depths by place times `2^shift`; 25 bits with sign.
+    /// Slope in x, depths by place times `2^shift`; 25 bits with sign, or 27.
     pub gx: i32,
     /// Slope in y, as `gx`.
     pub gy: i32,
@@ -43,12 +54,42 @@ pub struct Plane {
 impl Plane {
     /// Whether every number fits its field.
     pub const fn fits(&self) -> bool {
-        let slopes = fits(self.gx as i64, SLOPE_BITS) && fits(self.gy as i64, SLOPE_BITS);
-        slopes && fits(self.offset, OFFSET_BITS) && self.shift < 64
+        if !self.is_fine() {
+            return fits(self.offset, OFFSET_BITS) && self.shift < 64;
+        }
+        let slopes = fits(self.gx as i64, FINE_SLOPE_BITS) && fits(self.gy as i64, FINE_SLOPE_BITS);
+        let shift = FINE_SHIFT <= self.shift && self.shift < FINE_SHIFT + FINE_SHIFTS;
+        slopes && shift && fits(self.offset, FINE_OFFSET_BITS)
+    }
+
+    /// Whether its slopes need the bits of a fine plane.
+    pub const fn is_fine(&self) -> bool {
+        !fits(self.gx as i64, SLOPE_BITS) || !fits(self.gy as i64, SLOPE_BITS)
+    }
+
+    /// Bits of the third word below those of the offset, as the second says.
+    pub const fn slope_bits(word: u32) -> u32 {
+        if word >> 31 == 0 { SLOPE_BITS } else { FINE_SLOPE_BITS + 1 }
+    }
+
+    /// The bits of slopes and shift: the second word, and the third without those of the offset.
+    pub const fn slopes(w1: u32, w2: u32) -> [u32; 2] {
+        [w1, w2 & ((1 << Self::slope_bits(w1)) - 1)]
     }
 
     /// The 3 words.
     pub const fn encode(&self) -> [u32; 3] {
+        if self.is_fine() {
+            let low_bits = FINE_SLOPE_BITS - 1;
+            let x = self.gx.cast_unsigned();
+            let shift = self.shift.wrapping_sub(FINE_SHIFT) as u32 & 31;
+            let y = self.gy.cast_unsigned() & ((1 << FINE_SLOPE_BITS) - 1);
+            return [
+                low(self.offset),
+                x & ((1 << low_bits) - 1) | shift << low_bits | 1 << 31,
+                y | (x >> low_bits & 1) << FINE_SLOPE_BITS | low(self.offset >> 32) << (FINE_SLOPE_BITS + 1),
+            ];
+        }
         let mask = (1 << SLOPE_BITS) - 1;
         [
             low(self.offset),
@@ -57,10 +98,21 @@ impl Plane {
         ]
     }
 
-    /// Reads the 3 words; bit 31 of the second does not count, [`check`](super::check) refuses it.
+    /// Reads the 3 words. Of a plane that is fine without need, [`check`](super::check) refuses them.
     #[inline]
     pub const fn decode(words: [u32; 3]) -> Self {
         let [w0, w1, w2] = words;
+        if w1 >> 31 == 1 {
+            let unused = 32 - FINE_SLOPE_BITS;
+            let x = w1 << (unused + 1) >> 1 | w2 << (unused - 1) & 1 << 31;
+            let [shift, ..] = (w1 >> (FINE_SLOPE_BITS - 1) & 31).to_le_bytes();
+            return Self {
+                offset: ((w2.cast_signed() >> (FINE_SLOPE_BITS + 1)) as i64) << 32 | w0 as i64,
+                gx: x.cast_signed() >> unused,
+                gy: (w2 << unused).cast_signed() >> unused,
+                shift: shift + FINE_SHIFT,
+            };
+        }
         let [_, _, _, top] = (w1 >> 1).to_le_bytes();
         Self {
             offset: ((w2.cast_signed() >> SLOPE_BITS) as i64) << 32 | w0 as i64,
@@ -73,7 +125,7 @@ impl Plane {
     /// Depth at a place; each of `x` and `y` from 0 to 2^32. Anywhere else the result is any number.
     #[inline]
     pub const fn at(&self, x: i64, y: i64) -> u32 {
-        // At most 2 * 2^24 * 2^32, so nothing wraps on places of the map.
+        // At most 2 * 2^26 * 2^32, so nothing wraps on places of the map.
         let rise = (self.gx as i64).wrapping_mul(x).wrapping_add((self.gy as i64).wrapping_mul(y));
         let v = self.offset.wrapping_add(rise >> (self.shift & 63));
         // `clamp` of `Ord` is not const.

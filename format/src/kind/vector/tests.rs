@@ -42,8 +42,13 @@ impl Dice {
     }
 
     fn plane(&mut self) -> Plane {
-        let (gx, gy) = (self.signed(25) as i32, self.signed(25) as i32);
-        Plane { offset: self.signed(39), gx, gy, shift: self.roll(64) as u8 }
+        if self.roll(2) == 0 {
+            let (gx, gy) = (self.signed(25) as i32, self.signed(25) as i32);
+            return Plane { offset: self.signed(39), gx, gy, shift: self.roll(64) as u8 };
+        }
+        // its slopes may be those of any plane
+        let (gx, gy) = (self.signed(27) as i32, self.signed(27) as i32);
+        Plane { offset: self.signed(36), gx, gy, shift: 8 + self.roll(32) as u8 }
     }
 
     fn line(&mut self) -> Line {
@@ -74,7 +79,12 @@ fn planes_and_lines_are_exact_at_every_extreme() {
         let found = p.bounds(&Square { x0: x, y0: y, x1, y1 });
         assert_eq!(found, (*corners.iter().min().unwrap(), *corners.iter().max().unwrap()));
     }
-    assert!(!Plane { gx: 1 << 24, ..Plane::default() }.fits() && !Plane { shift: 64, ..Plane::default() }.fits());
+    let fine = Plane { gx: 1 << 24, shift: 8, ..Plane::default() };
+    assert!(fine.fits() && Plane { gx: 1 - (1 << 26), gy: -1 << 26, shift: 39, ..fine }.fits());
+    assert!(!Plane { shift: 7, ..fine }.fits() && !Plane { shift: 40, ..fine }.fits());
+    assert!(!Plane { offset: 1 << 35, ..fine }.fits() && !Plane { gy: 1 << 26, ..fine }.fits());
+    assert!(!Plane { shift: 64, ..Plane::default() }.fits());
+    assert!(Plane { gx: (1 << 24) - 1, gy: -1 << 24, ..Plane::default() }.encode()[1] >> 31 == 0);
     assert!(!Plane { offset: 1 << 38, ..Plane::default() }.fits() && !Line { c: 1 << 47, ..Line::default() }.fits());
 }
 

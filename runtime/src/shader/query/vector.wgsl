@@ -161,10 +161,21 @@ fn umb_plane(page: UmbPage, at: u32, place: vec2<u32>) -> u32 {
         return 0u;
     }
     let words = page.base + at;
-    let x = extractBits(bitcast<i32>(umb_pool_word(words + UMB_PLANE_X_WORD)), UMB_PLANE_X_SHIFT, UMB_PLANE_X_BITS);
-    let y = extractBits(bitcast<i32>(umb_pool_word(words + UMB_PLANE_Y_WORD)), UMB_PLANE_Y_SHIFT, UMB_PLANE_Y_BITS);
-    let shift = extractBits(umb_pool_word(words + UMB_PLANE_SHIFT_WORD), UMB_PLANE_SHIFT_SHIFT, UMB_PLANE_SHIFT_BITS);
-    let high = extractBits(bitcast<i32>(umb_pool_word(words + UMB_PLANE_HIGH_WORD)), UMB_PLANE_HIGH_SHIFT, UMB_PLANE_HIGH_BITS);
+    // Shift and slope in x share a word, those in y and the high bits of the offset the next.
+    let first = umb_pool_word(words + UMB_PLANE_X_WORD);
+    let second = umb_pool_word(words + UMB_PLANE_Y_WORD);
+    var x = extractBits(bitcast<i32>(first), UMB_PLANE_X_SHIFT, UMB_PLANE_X_BITS);
+    var y = extractBits(bitcast<i32>(second), UMB_PLANE_Y_SHIFT, UMB_PLANE_Y_BITS);
+    var shift = extractBits(first, UMB_PLANE_SHIFT_SHIFT, UMB_PLANE_SHIFT_BITS);
+    var high = bitcast<i32>(second) >> UMB_PLANE_HIGH_SHIFT;
+    if (first >> 31u) != 0u {
+        // A fine plane: of the slope in x the sign stands with that in y.
+        let sign = extractBits(second, UMB_FINE_SLOPE_BITS, 1u);
+        x = extractBits(bitcast<i32>(insertBits(first, sign, UMB_FINE_SLOPE_BITS - 1u, 1u)), 0u, UMB_FINE_SLOPE_BITS);
+        y = extractBits(bitcast<i32>(second), 0u, UMB_FINE_SLOPE_BITS);
+        shift = extractBits(first, UMB_FINE_SLOPE_BITS - 1u, 5u) + UMB_FINE_SHIFT;
+        high = bitcast<i32>(second) >> (UMB_FINE_SLOPE_BITS + 1u);
+    }
     let offset = vec2<u32>(umb_pool_word(words + UMB_PLANE_LOW_WORD), bitcast<u32>(high));
     let rise = umb_wide_sum(umb_wide_signed_product(x, place.x), umb_wide_signed_product(y, place.y));
     let v = umb_wide_sum(offset, umb_wide_shift(rise, shift));

@@ -8,6 +8,7 @@ use rustc_hash::FxHashMap as HashMap;
 use std::collections::BTreeSet;
 
 use umbrage_format::kind::vector::Raw;
+use umbrage_format::kind::vector::entry::{self, FINE_SLOPE_BITS};
 use umbrage_format::projection::UNCOVERED;
 
 use crate::interval::proof::HalfPlane;
@@ -22,15 +23,21 @@ pub const OPEN: EntryId = 0;
 const RISE_LOG2: u32 = 37;
 /// Bits of a gradient, sign excluded.
 const GRADIENT_BITS: i32 = 24;
+/// The same of a fine plane.
+const FINE_BITS: i32 = FINE_SLOPE_BITS as i32 - 1;
+/// Smallest power of a fine plane.
+const FINE_SHIFT: i32 = entry::FINE_SHIFT as i32;
+/// Most that a fine plane may rise over the whole map: its offset then fits every page.
+const FINE_RISE: f64 = 27.0 * (1u64 << 30) as f64;
 
 /// `offset + (gx X + gy Y) / 2^shift`, X and Y in 1/256 texel from the map's corner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Plane {
     /// Depth at the map's corner.
     pub offset: i64,
-    /// Below 2^24 in magnitude.
+    /// Below 2^26 in magnitude, or 2^24 where the plane is too steep for a fine one.
     pub gx: i32,
-    /// Below 2^24 in magnitude.
+    /// As `gx`.
     pub gy: i32,
     /// 0 to 63.
     pub shift: u8,
@@ -102,20 +109,19 @@ impl Plane {
         let fine = f64::from(1u32 << scale.fine());
         let g = gradient.map(|s| s * fine);
         let largest = g[0].abs().max(g[1].abs());
-        if !largest.is_finite()
-            || largest * 2f64.powi(i32::from(scale.log2_resolution) + 8) > 2f64.powi(RISE_LOG2 as i32)
-        {
+        if !largest.is_finite() || largest * two(i32::from(scale.log2_resolution) + 8) > two(RISE_LOG2 as i32) {
             return None;
         }
         // flat enough to be a constant over the whole map
-        if largest * 2f64.powi(i32::from(scale.log2_resolution) + 8) < 1.0 {
+        if largest * two(i32::from(scale.log2_resolution) + 8) < 1.0 {
             return None;
         }
-        let by = |shift: i32| g.map(|s| (s * 2f64.powi(shift)).round() as i32);
-        let fits = |g: [i32; 2]| g.iter().all(|s| s.abs() < 1 << GRADIENT_BITS);
-        let mut shift = (GRADIENT_BITS - 1 - largest.log2().floor() as i32).min(63);
+        let by = |shift: i32| g.map(|s| (s * two(shift)).round() as i32);
+        let bits = bits(g, scale);
+        let most = if bits == FINE_BITS { FINE_SHIFT + 31 } else { 63 };
+        let mut shift = (bits - 1 - largest.log2().floor() as i32).min(most);
         // the last gradient below a power of two rounds up to it
-        if !fits(by(shift)) {
+        if !by(shift).iter().all(|s| s.abs() < 1 << bits) {
             shift -= 1;
         }
         // on small maps a plane may rise too much within a texel for one that does not over the map
@@ -135,12 +141,12 @@ impl Plane {
         let bits = u32::from(self.shift) + scale.fine();
         let whole = n >> bits;
         let rest = n - (whole << bits);
-        (self.offset + whole as i64, rest as f64 / 2f64.powi(bits as i32))
+        (self.offset + whole as i64, rest as f64 / two(bits as i32))
     }
 
     /// Depth per lattice step; exact.
     pub fn gradient(&self, scale: Scale) -> [f64; 2] {
-        let by = 2f64.powi(-i32::from(self.shift) - scale.fine() as i32);
+        let by = two(-i32::from(self.shift) - scale.fine() as i32);
         [f64::from(self.gx) * by, f64::from(self.gy) * by]
     }
 
@@ -155,6 +161,19 @@ impl Plane {
         let centre = |v: u32| (i64::from(v) << scale.subtexel_bits) + (1i64 << (scale.subtexel_bits - 1));
         self.at([centre(x), centre(y)], scale).0
     }
+}
+
+/// 2 to a power from -1022 to 1023.
+fn two(power: i32) -> f64 {
+    f64::from_bits(((1023 + power) as u64) << 52)
+}
+
+/// Bits of a plane's gradient (depth per 1/256 texel), sign excluded.
+fn bits(g: [f64; 2], scale: Scale) -> i32 {
+    let rise = (g[0].abs() + g[1].abs()) * two(i32::from(scale.log2_resolution) + 8);
+    // with room for what rounds up to a power of two
+    let steep = g[0].abs().max(g[1].abs()) > two(FINE_BITS - FINE_SHIFT - 1);
+    if rise <= FINE_RISE && !steep { FINE_BITS } else { GRADIENT_BITS }
 }
 
 impl Line {
@@ -188,7 +207,7 @@ impl Line {
     pub fn off(&self, half: &HalfPlane, corner: [i64; 2], p: [i64; 2], size: i64, scale: Scale) -> f64 {
         let (u, t) = if self.axis { (1, 0) } else { (0, 1) };
         let bits = scale.subtexel_bits;
-        let unit = 2f64.powi(i32::from(bits) - 20);
+        let unit = two(i32::from(bits) - 20);
         let (across, along) = if self.axis { (half.a, half.b) } else { (half.b, half.a) };
         // both are straight, so that the ends say all
         let ends = [p[u], p[u] + size].map(|at| {
@@ -430,7 +449,8 @@ pub fn behind(s: &Surface, guard: u32, scale: Scale) -> Option<Plane> {
     let reach = (g[0].abs() + g[1].abs()) * scale.half();
     let extent = |v: [u32; 3]| f64::from(v.iter().max().unwrap_or(&0) - v.iter().min().unwrap_or(&0));
     // what the rounding of the gradient makes over the whole face, and two for pages
-    let rounding = g[0].abs().max(g[1].abs()) * (extent(s.x) + extent(s.y)) / f64::from(1u32 << (GRADIENT_BITS - 1));
+    let bits = bits(g.map(|s| s * f64::from(1u32 << scale.fine())), scale);
+    let rounding = g[0].abs().max(g[1].abs()) * (extent(s.x) + extent(s.y)) / f64::from(1u32 << (bits - 1));
     let z = f64::from(s.z[0]) + reach + f64::from(guard) + 4.0 + rounding;
     Plane::through(g, [i64::from(s.x[0]), i64::from(s.y[0])], z, scale)
 }
@@ -462,31 +482,36 @@ pub fn gradient(s: &Surface) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use umbrage_format::kind::vector;
 
     #[test]
     fn gradients_fit_a_page_or_there_is_no_plane() {
-        let (mut planes, mut none) = (0, 0);
+        let (mut planes, mut fine, mut none) = (0, 0, 0);
         for log2_resolution in 0..=24u8 {
             let scale = Scale { subtexel_bits: (28 - log2_resolution as i32).max(8) as u8, log2_resolution };
             for log2 in -40..40 {
-                for part in [1.0, 1.0 - f64::EPSILON, 1.0 - 2f64.powi(-26), 1.3] {
+                for part in [1.0, 1.0 - f64::EPSILON, 1.0 - two(-26), 1.3] {
                     // per 1/256 texel
-                    let g = part * 2f64.powi(log2) / f64::from(1u32 << scale.fine());
+                    let g = part * two(log2) / f64::from(1u32 << scale.fine());
                     for gradient in [[g, -g / 3.0], [g / 7.0, -g]] {
                         let Some(p) = Plane::through(gradient, [12345, 6789], 1e9, scale) else {
                             none += 1;
                             continue;
                         };
                         planes += 1;
-                        assert!(p.gx.abs() < 1 << 24 && p.gy.abs() < 1 << 24, "{log2_resolution} {gradient:?}: {p:?}");
+                        let page = vector::Plane { offset: p.offset, gx: p.gx, gy: p.gy, shift: p.shift };
+                        assert!(page.fits(), "{log2_resolution} {gradient:?}: {p:?}");
+                        fine += usize::from(page.is_fine());
                         let kept = p.gradient(scale);
                         for k in 0..2 {
-                            assert!((kept[k] - gradient[k]).abs() <= g * 2f64.powi(-22), "{gradient:?}: {kept:?}");
+                            // or 2^-8 over the largest map
+                            let most = (g * two(-22)).max(two(-40) / f64::from(1u32 << scale.fine()));
+                            assert!((kept[k] - gradient[k]).abs() <= most, "{gradient:?}: {kept:?}");
                         }
                     }
                 }
             }
         }
-        assert!(planes > 1000 && none > 1000);
+        assert!(planes > 1000 && fine > 500 && planes - fine > 200 && none > 1000, "{planes} {fine} {none}");
     }
 }

@@ -12,7 +12,7 @@
     clippy::cast_possible_truncation
 )]
 
-use umbrage_format::kind::vector::entry::PLANE_MAX;
+use umbrage_format::kind::vector::entry::{FINE_SHIFT, PLANE_MAX};
 use umbrage_format::kind::vector::{Header, Layout, Line, Plane, eval};
 use umbrage_format::projection::UNCOVERED;
 
@@ -25,7 +25,7 @@ pub(super) const SPLIT: u32 = 1 << 29;
 /// A function `a * x + b * y + c` of the place.
 ///
 /// Of a line: negative beyond it. Of a plane: the value times a power of two, not clamped; `a` and `b` hold
-/// 25 bits above 7, which in `a` are the power and in `b` what the slot is.
+/// 27 bits above 5, which in `a` are the power less [`FINE_SHIFT`] and in `b` what the slot is.
 #[derive(Clone, Copy, Debug)]
 struct Slot {
     c: i64,
@@ -34,7 +34,7 @@ struct Slot {
 }
 
 /// Bits below the gradients of a plane.
-const LOW: u32 = 7;
+const LOW: u32 = 5;
 /// Low bits of `b`: a plane that is clamped to [`PLANE_MAX`].
 const PLANE: i32 = 0;
 /// A constant, which may be one more.
@@ -54,7 +54,7 @@ const FREE: Slot = Slot { c: 0, a: 0, b: CONSTANT };
 /// What no slots hold. Sides and entries are references.
 #[derive(Clone, Copy, Debug)]
 enum Other {
-    /// As a slot, with products that need more than 64 bits.
+    /// As a slot, with products that need more than 64 bits, or a power that a slot does not hold.
     Plane {
         c: i128,
         a: i32,
@@ -196,8 +196,9 @@ impl Entries {
         if number < layout.first_split.into() {
             let p = eval::plane(page, layout, number);
             let c = palette.plane(&p);
-            return match palette.fits(p.gx, p.gy, c) {
-                Some(c) => Slot { c, a: p.gx << LOW | i32::from(p.shift), b: p.gy << LOW | PLANE },
+            let power = p.shift.checked_sub(FINE_SHIFT).filter(|power| power >> LOW == 0);
+            return match power.zip(palette.fits(p.gx, p.gy, c)) {
+                Some((power, c)) => Slot { c, a: p.gx << LOW | i32::from(power), b: p.gy << LOW | PLANE },
                 None => self.other(Other::Plane { c, a: p.gx, b: p.gy, shift: p.shift }),
             };
         }
@@ -217,7 +218,7 @@ impl Entries {
     }
 
     fn constant(v: u32) -> Slot {
-        Slot { c: v.into(), a: 0, b: CONSTANT }
+        Slot { c: i64::from(v) << FINE_SHIFT, a: 0, b: CONSTANT }
     }
 
     fn other(&mut self, other: Other) -> Slot {
@@ -425,7 +426,8 @@ impl Slot {
     #[inline]
     fn depth(&self, sum: i64) -> u32 {
         // Clamped to 32 bits.
-        let [a, b, c, d, ..] = (sum >> (self.a & 63)).clamp(0, PLANE_MAX + i64::from(self.b & 1)).to_le_bytes();
+        let [a, b, c, d, ..] =
+            (sum >> ((self.a & 31) + i32::from(FINE_SHIFT))).clamp(0, PLANE_MAX + i64::from(self.b & 1)).to_le_bytes();
         u32::from_le_bytes([a, b, c, d])
     }
 
