@@ -69,6 +69,8 @@ const MOST_STRIP: f64 = 64.0;
 const BEND: f64 = 0.05;
 /// Facts that are tried.
 const MOST_FACTS: usize = 24;
+/// Most that a tip's plane is moved for single texels, in depth.
+const MOST_MOVED: i64 = 16;
 /// Texels that are looked at one by one, for each texel of the square's side.
 const MOST_TIPS: f64 = 12.0;
 
@@ -444,14 +446,15 @@ impl<'a> Search<'a> {
                         return Some((palette.entry(Entry::Plane(own)), None));
                     }
                 }
-                let mut tip = Tip { front, end, plane, edges: 0, far: 0.0, bend: 0.0 };
-                if self.may_be_tip(&plane)
-                    && let Some(bend) = self.is_tip(list, region, tip)
-                    && let Some(edges) = self.tip_fits(region, tip, bend)
-                {
-                    tip.edges = edges;
-                    (tip.far, tip.bend) = (self.far(tip, bend), bend);
-                    return Some((palette.entry(Entry::Plane(plane)), Some(tip)));
+                let tip = Tip { front, end, plane, edges: 0, far: 0.0, bend: 0.0 };
+                if self.may_be_tip(&plane) {
+                    let found = self.tip(list, region, tip).or_else(|| {
+                        let plane = self.moved(palette, plane)?;
+                        self.tip(list, region, Tip { plane, ..tip })
+                    });
+                    if let Some(tip) = found {
+                        return Some((palette.entry(Entry::Plane(tip.plane)), Some(tip)));
+                    }
                 }
             }
         }

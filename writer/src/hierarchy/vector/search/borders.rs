@@ -171,21 +171,20 @@ impl Search<'_> {
         Some(palette.get(id))
     }
 
-    fn texel_at(&self, q: [i64; 2]) -> [u32; 2] {
+    pub(super) fn texel_at(&self, q: [i64; 2]) -> [u32; 2] {
         [0, 1].map(|i| ((q[i] + self.rays.corner[i]) >> self.scale.subtexel_bits) as u32)
     }
 
     /// Whether a constant or plane lies in the exact interval of the texel at `q` of the square.
     pub(super) fn keeps(&mut self, entry: Entry, q: [i64; 2]) -> bool {
-        let interval = match self.intervals.get(&q) {
-            Some(interval) => *interval,
-            None => self.interval(q),
-        };
-        allows(entry, interval, self.texel_at(q), 0, self.scale)
+        allows(entry, self.interval(q), self.texel_at(q), 0, self.scale)
     }
 
     /// The exact interval, less the guard, of the texel at `q` of the square.
-    fn interval(&mut self, q: [i64; 2]) -> Interval {
+    pub(super) fn interval(&mut self, q: [i64; 2]) -> Interval {
+        if let Some(known) = self.intervals.get(&q) {
+            return *known;
+        }
         let size = 1i64 << self.scale.subtexel_bits;
         self.near.clear();
         let over = |i: &&u32| self.rays.locals[**i as usize].cover(q[0], q[1], size) != Cover::None;

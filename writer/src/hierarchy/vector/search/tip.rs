@@ -1,10 +1,10 @@
 //! Cells at silhouettes, where the front of a stretch and its end meet.
 
 use super::strip::strip;
-use super::{MANY_TEXELS, MOST_CLOSE, MOST_STRIP, MOST_TIPS, Search, Tip};
-use crate::hierarchy::vector::entry::Entry;
+use super::{MANY_TEXELS, MOST_CLOSE, MOST_MOVED, MOST_STRIP, MOST_TIPS, Search, Tip};
+use crate::hierarchy::vector::entry::{Entry, Palette, Plane};
 use crate::interval::proof::{HalfPlane, Region, strictly_behind};
-use crate::interval::{Event, ceil};
+use crate::interval::{Event, Interval, ceil};
 
 impl Search<'_> {
     /// Whether the surface covers the polygon, a part of the region, alone or with the flattest neighbour: then that one, and the
@@ -30,6 +30,14 @@ impl Search<'_> {
             return Some((other, low.abs().max(high.abs()) + m.eps + l.eps));
         }
         None
+    }
+
+    /// The tip with what is known of it, if its plane answers the region.
+    pub(super) fn tip(&mut self, list: &[u32], region: Region<'_>, tip: Tip) -> Option<Tip> {
+        self.close.clear();
+        let bend = self.is_tip(list, region, tip)?;
+        let edges = self.tip_fits(region, tip, bend)?;
+        Some(Tip { edges, far: self.far(tip, bend), bend, ..tip })
     }
 
     /// Whether, where front and end are close, the stretch of every ray begins at the one and ends at the other, or at their
@@ -129,12 +137,38 @@ impl Search<'_> {
         {
             edges
         } else {
-            self.all_fit(region, &own)?
+            match self.all_fit(region, &own) {
+                Some(edges) => edges,
+                None => {
+                    self.close.clear();
+                    return None;
+                }
+            }
         };
         let close = std::mem::take(&mut self.close);
         let right = close.iter().all(|c| self.keeps(Entry::Plane(tip.plane), c.map(|v| v - texel / 2)));
         self.close = close;
         right.then_some(edges)
+    }
+
+    /// After [`Self::tip_fits`]: the plane nearest by that is right for the texels that were looked at one by one, where the
+    /// tip's own is not.
+    pub(super) fn moved(&mut self, palette: &Palette, plane: Plane) -> Option<Plane> {
+        let texel = 1i64 << self.scale.subtexel_bits;
+        let close = std::mem::take(&mut self.close);
+        let allowed = close.iter().try_fold((-MOST_MOVED, MOST_MOVED), |(low, high), c| {
+            let q = c.map(|v| v - texel / 2);
+            let interval = self.interval(q);
+            let [x, y] = self.texel_at(q);
+            // pages store this or one less
+            let by = [i64::from(interval.min) + 1, i64::from(interval.max)].map(|v| v - plane.texel(x, y, self.scale));
+            let (low, high) = (low.max(by[0]), high.min(by[1]));
+            (low <= high && interval != Interval::UNCOVERED).then_some((low, high))
+        });
+        self.close = close;
+        let (low, high) = allowed.filter(|(low, high)| *low > 0 || *high < 0)?;
+        let there = palette.parallel(&plane, plane.offset + low, plane.offset + high);
+        Some(there.unwrap_or(Plane { offset: plane.offset + if low > 0 { low } else { high }, ..plane }))
     }
 
     /// Holds the plane against each texel of the polygon; those for which rounding may matter are put on the list.
