@@ -609,6 +609,22 @@ impl Polygon {
     }
 }
 
+/// How far `t` lies at least behind the plane `z + sx x + sy y` where it lies over a polygon; without end where it doesn't.
+/// `covers`: it covers the polygon.
+pub(crate) fn clearance(
+    (t, covers): (&Local, bool),
+    (z, sx, sy): (f64, f64, f64),
+    polygon: &Polygon,
+    spare: &mut Polygon,
+) -> f64 {
+    spare.copy(polygon);
+    if !covers {
+        spare.clip(t);
+    }
+    let (dx, dy) = (t.sx - sx, t.sy - sy);
+    spare.range(t.z0 - z, dx, dy).0 - 2.0 * t.eps - 2.0 * MARGIN * (dx.abs() + dy.abs()) - 0.01
+}
+
 /// Whether `t` is behind `e`, and nowhere at the same depth, where it lies over a polygon of the region. `covers`: `t` covers the
 /// region's square.
 pub(crate) fn strictly_behind(

@@ -5,13 +5,17 @@ use super::{Cell, Cut, DOUBTS, MANY_COLUMNS, MOST_INTERVALS, Search};
 use crate::hierarchy::vector::entry::{Entry, EntryId, Palette};
 use crate::hierarchy::vector::segment::{AROUND, border, clip_segment, clip_to_surface};
 use crate::hierarchy::vector::texels::allows;
-use crate::interval::proof::{HalfPlane, Region};
+use crate::interval::proof::{HalfPlane, Region, clearance};
 use crate::interval::texel::texel;
 use crate::interval::triangle::{Cover, Local};
-use crate::interval::{Event, Interval, wide};
+use crate::interval::{DEEPEST, Event, Interval, wide};
+use umbrage_format::projection::UNCOVERED;
 
 /// Of so many doubtful texels one is looked at before all others.
 const SPREAD: usize = 16;
+
+/// How many times as far as [`Search::far`] from the line where a tip's front and end meet is tried.
+const FARS: [f64; 2] = [1.0, 8.0];
 
 /// What is known of the texels that two cells share.
 enum Border {
@@ -79,12 +83,15 @@ impl Search<'_> {
             return None;
         }
         let square = Region::square(p, size);
-        let far: Option<Vec<HalfPlane>> = tips.into_iter().map(|t| self.far_side(&square, t, t.bend)).collect();
-        let far = far?;
         let (a, b) = (&self.cells[i], &self.cells[j]);
         let at = a.path.iter().zip(&b.path).position(|(x, y)| x != y)?;
         let cut = a.path[at].0;
-        self.meets(i, j, cut, &far, p, size).then_some(far)
+        // beside a steeper face a tip's plane has room further away
+        FARS.into_iter().find_map(|times| {
+            let far = tips.iter().map(|t| self.far_side(&square, *t, times * self.far(*t, t.bend)));
+            let far: Vec<HalfPlane> = far.collect::<Option<_>>()?;
+            self.meets(i, j, cut, &far, p, size).then_some(far)
+        })
     }
 
     /// Puts the texels that both cells may share on the list of those that are looked at one by one, but for those that lie
@@ -265,7 +272,66 @@ impl Search<'_> {
                 return true;
             }
             let entry = self.cells[other].value;
-            self.holds(entry, &list, region, false)
+            self.holds(entry, &list, region, false) || self.holds_across(entry, cut, &list, region)
+        })
+    }
+
+    /// Whether an entry is right on the rays in a region beside a cut, for all texels whose centres lie on the cut's other
+    /// side.
+    ///
+    /// Argument. An entering surface F covers the region, and nothing is left before the entry's values there. So on a ray at
+    /// r the stretch begins at F at the latest and goes on behind a value v >= F(r). The way from a texel's centre c to r
+    /// crosses the cut at a place m, and F as well as the entry's plane P are linear: F(r) - P(c) is
+    /// (F(m) - P(m)) + F's rise from m to r + P's rise from c to m, at most F(m) - P(m) and the larger one of what F and P
+    /// rise within half a texel. F(m) - P(m) is largest at an end of the part of the cut that texels of the region reach.
+    fn holds_across(&mut self, entry: Entry, cut: usize, list: &[u32], region: Region<'_>) -> bool {
+        if self.rays.second_surface {
+            return false;
+        }
+        let (z, [gx, gy], reach) = match entry {
+            Entry::Constant(v) if v != UNCOVERED => (f64::from(v), [0.0; 2], 0.0),
+            Entry::Plane(plane) => {
+                let (whole, part) = plane.at(self.rays.corner, self.scale);
+                (whole as f64 + part, plane.gradient(self.scale), plane.reach(self.scale))
+            }
+            _ => return false,
+        };
+        // pages store less than two below the plane; and what is computed here rounds
+        let margin = f64::from(self.guard) + 2.1 + (gx.abs() + gy.abs()) * 1e-6;
+        self.polygon.region(&region);
+        let (locals, polygon, spare) = (self.rays.locals, &self.polygon, &mut self.part);
+        let mut left = list.iter().filter(|i| locals[**i as usize].event == Event::Leave);
+        let behind = left.all(|i| {
+            let l = (&locals[*i as usize], self.covers[*i as usize]);
+            clearance(l, (z, gx, gy), polygon, spare) >= reach + margin
+        });
+        if !behind {
+            return false;
+        }
+        let HalfPlane { a, b, c } = self.cuts[cut].inside;
+        let [a, b, c] = [a, b, c].map(|v| v as f64);
+        let (u, along, across) = if a.abs() > b.abs() { (1, b, a) } else { (0, a, b) };
+        let Some((from, to)) = self.polygon.extent(u) else { return true };
+        let texel = self.scale.half() * 2.0;
+        let ends = [from - texel, to + texel].map(|at| {
+            let mut m = [at; 2];
+            m[1 - u] = -(c + along * at) / across;
+            m
+        });
+        let value = ends.map(|m| z + gx * m[0] + gy * m[1]);
+        if value.iter().any(|v| *v + reach + margin > DEEPEST as f64) {
+            return false;
+        }
+        list.iter().any(|i| {
+            let l = self.local(*i);
+            let rise = (l.sx.abs() + l.sy.abs()) * self.scale.half();
+            let margin = margin + rise.max(reach) + 2.0 * l.eps + (l.sx.abs() + l.sy.abs()) * 1e-6;
+            let room = [0, 1].map(|k| value[k] - (l.z0 + l.sx * ends[k][0] + l.sy * ends[k][1]) - margin);
+            let room = room[0].min(room[1]);
+            l.event == Event::Enter && room >= 0.0 && {
+                let covers = self.covers(list, &region, *i);
+                covers.is_some_and(|(n, bend)| self.local(n).event == Event::Enter && bend <= room)
+            }
         })
     }
 }

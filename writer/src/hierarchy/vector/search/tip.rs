@@ -9,7 +9,7 @@ use crate::interval::{Event, Interval, ceil};
 impl Search<'_> {
     /// Whether the surface covers the polygon, a part of the region, alone or with the flattest neighbour: then that one, and the
     /// most that it lies off this one's plane there, in depth.
-    fn covers(&self, list: &[u32], region: &Region<'_>, i: u32) -> Option<(u32, f64)> {
+    pub(super) fn covers(&self, list: &[u32], region: &Region<'_>, i: u32) -> Option<(u32, f64)> {
         let l = &self.rays.locals[i as usize];
         if self.polygon.covered(&self.rays, l, region, 3) {
             return Some((i, 0.0));
@@ -80,7 +80,7 @@ impl Search<'_> {
             return None;
         }
         // elsewhere as in any region
-        let far = self.far_side(&region, tip, bend)?;
+        let far = self.far_side(&region, tip, self.far(tip, bend))?;
         let mut lines = region.lines.to_vec();
         lines.push(far);
         let region = Region { lines: &lines, ..region };
@@ -92,14 +92,14 @@ impl Search<'_> {
         self.holds(Entry::Plane(tip.plane), &rest, region, false).then_some(bend)
     }
 
-    /// Where front and end are at least [`Self::far`] apart in the region's square, and a little more.
-    pub(super) fn far_side(&self, region: &Region<'_>, tip: Tip, bend: f64) -> Option<HalfPlane> {
+    /// Where front and end are at least `far` apart in the region's square, and a little more.
+    pub(super) fn far_side(&self, region: &Region<'_>, tip: Tip, far: f64) -> Option<HalfPlane> {
         let (f, e) = (&self.rays.locals[tip.front as usize], &self.rays.locals[tip.end as usize]);
         let (dx, dy) = (e.sx - f.sx, e.sy - f.sy);
         let largest = dx.abs().max(dy.abs());
         // a normal of 2^24 keeps edge functions of a tile far below 2^62
         let by = 16777216.0 / largest;
-        let offset = (e.z0 - f.z0 - self.far(tip, bend)) * by;
+        let offset = (e.z0 - f.z0 - far) * by;
         if !offset.is_finite() || offset.abs() > 4e18 {
             return None;
         }
