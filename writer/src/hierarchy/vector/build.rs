@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 
 use umbrage_format::kind::mh::{Mask, NodeType};
 
-use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale, raw_words};
+use super::entry::{Entry, EntryId, Line, OPEN, Palette, Scale, gradient, raw_words};
 use super::page::{Forest, Group, INDEX_COST, Node, SHARES};
 use super::search::{BLOCK_LEVEL, Edges, SMALL_LOG2, Search, known};
 use super::texels::{self, Block};
@@ -98,14 +98,18 @@ fn edges(surfaces: &[Surface]) -> Vec<Edges> {
         let (balance, runs) = found[&key];
         (balance == 0).then_some(runs[usize::from(way > 0)]).filter(|m| *m != n && *m != u32::MAX)
     };
-    let mut out = vec![Edges { silhouettes: 0, across: [u32::MAX; 3] }; surfaces.len()];
+    let mut out = vec![Edges { silhouettes: 0, across: [u32::MAX; 3], beside: 0.0 }; surfaces.len()];
     for (n, s) in (0..).zip(surfaces).filter(|(_, s)| s.event != Event::Wall) {
         let e = &mut out[n as usize];
         for k in 0..3 {
             match across(n, s, k) {
                 None if s.event == Event::Enter => e.silhouettes |= 1 << k,
                 None => {}
-                Some(m) => e.across[k] = m,
+                Some(m) => {
+                    let [x, y] = gradient(&surfaces[m as usize]);
+                    e.across[k] = m;
+                    e.beside = e.beside.max(x.abs() + y.abs());
+                }
             }
         }
     }

@@ -443,10 +443,11 @@ pub fn raw_words(depths: &[u32; 16]) -> u32 {
     2 + Raw::of(depths).heap_words()
 }
 
-/// The plane just behind a surface: the same for all leaves on it. `guard` is kept from the surface.
-pub fn behind(s: &Surface, guard: u32, scale: Scale) -> Option<Plane> {
+/// The plane just behind a surface: the same for all leaves on it. `guard` is kept from the surface. Texels on an edge
+/// hold some of the face behind it, too; `beside` says how steep that may be, depth per lattice step.
+pub fn behind(s: &Surface, beside: f64, guard: u32, scale: Scale) -> Option<Plane> {
     let g = gradient(s);
-    let reach = (g[0].abs() + g[1].abs()) * scale.half();
+    let reach = (g[0].abs() + g[1].abs()).max(beside) * scale.half();
     let extent = |v: [u32; 3]| f64::from(v.iter().max().unwrap_or(&0) - v.iter().min().unwrap_or(&0));
     // what the rounding of the gradient makes over the whole face, and two for pages
     let bits = bits(g.map(|s| s * f64::from(1u32 << scale.fine())), scale);

@@ -93,6 +93,8 @@ pub struct Edges {
     pub silhouettes: u8,
     /// The surfaces behind the others, `u32::MAX` where there is none.
     pub across: [u32; 3],
+    /// The steepest of these: depth per lattice step, both axes together.
+    pub beside: f64,
 }
 
 /// A part of the square and what answers it.
@@ -386,7 +388,7 @@ impl<'a> Search<'a> {
         let texel = 1i64 << self.scale.subtexel_bits;
         let surface = self.rays.surfaces[self.local(front).index as usize];
         let close = list.len() <= 16;
-        let plane = behind(&surface, self.guard, self.scale);
+        let plane = self.behind(front);
         if let Some(plane) = plane.filter(|p| region.size > texel && self.may_slope(p)) {
             let Region { p, size, lines, .. } = region;
             let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
@@ -666,11 +668,17 @@ impl<'a> Search<'a> {
         Some((front, self.end(list, p, front)))
     }
 
+    /// The plane just behind a front.
+    fn behind(&self, front: u32) -> Option<Plane> {
+        let index = self.local(front).index as usize;
+        behind(&self.rays.surfaces[index], self.edges[index].beside, self.guard, self.scale)
+    }
+
     /// Planes for masks: behind a front, and between front and end.
     pub fn guesses(&self, (front, end): (u32, Option<u32>)) -> [Option<Plane>; 2] {
         let f = &self.rays.surfaces[self.local(front).index as usize];
         let e = end.map(|e| &self.rays.surfaces[self.local(e).index as usize]);
-        [behind(f, self.guard, self.scale), e.and_then(|e| between(f, e, self.guard, self.scale))]
+        [self.behind(front), e.and_then(|e| between(f, e, self.guard, self.scale))]
     }
 }
 
