@@ -12,14 +12,16 @@
 //!   the cell.
 //! - *Tip*: on every ray of the cell the front f is met first, the end e of the stretch second, and nothing before or at e
 //!   otherwise. So the texels inside the cell have the area interval from f's largest to e's smallest depth, which are
-//!   linear. [`between`] is right for all of them, up to rounding; those where rounding may matter are looked at one by one.
+//!   linear. [`between`] is right for all of them, up to rounding; those where rounding may matter are looked at one by one,
+//!   and the plane is moved where that is right for all of them.
 //!
 //! A texel that two cells share is an edge texel if on the border between them, somewhere inside it, one cell's stretch ends
 //! before the other one's begins: then only its centre counts, and the centre's cell is told exactly. (A texel may hold parts of
 //! two cells and nothing of their border: a third one between them may be narrower than it.) If both cells hold
 //! the same entry and neither is a tip, that is right for all of the texel; so are two entries if each is proven for the other
-//! cell, as far as such texels reach. All other texels that two cells share, and those of a tip that rounding may reach, are
-//! looked at one by one: what is stored must lie in their exact intervals.
+//! cell, as far as texels with their centres on the other side reach (`holds`, `holds_across`), where front and end of a tip are
+//! far from each other. All other texels that two cells share, and those of a tip that rounding may reach, are looked at one by
+//! one: what is stored must lie in their exact intervals.
 //!
 //! What is true between the centres is told apart from this: module `continuous`.
 

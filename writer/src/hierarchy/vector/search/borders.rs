@@ -271,6 +271,15 @@ impl Search<'_> {
             if self.polygon.extent(0).is_none() {
                 return true;
             }
+            if let Some(tip) = self.cells[own].tip.filter(|_| within.is_empty()) {
+                // nearer its own plane is right for whole texels inside, no parts of them
+                let (f, e) = (self.local(tip.front), self.local(tip.end));
+                let near = [f.sx - e.sx, f.sy - e.sy, tip.far - (e.z0 - f.z0)];
+                self.polygon.keep_plane(near[0], near[1], near[2]);
+                if self.polygon.extent(0).is_some() {
+                    return false;
+                }
+            }
             let entry = self.cells[other].value;
             self.holds(entry, &list, region, false) || self.holds_across(entry, cut, &list, region)
         })
