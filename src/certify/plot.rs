@@ -48,8 +48,9 @@ impl Triple {
 
     fn negated(self) -> Self {
         match self {
-            Triple::Small(t) => Triple::Small(t.map(|v| -v)),
-            Triple::Big(t) => Triple::Big(Box::new(t.map(|v| -v))),
+            // the smallest number has no negative
+            Triple::Small(t) if !t.contains(&i128::MIN) => Triple::Small(t.map(|v| -v)),
+            t => Self::from_big(t.big().map(|v| -v)),
         }
     }
 
@@ -236,5 +237,17 @@ impl Plot {
             }
         }
         parts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_smallest_number_is_negated() {
+        let t = Triple::Small([i128::MIN, 3, i128::MIN]).negated();
+        assert_eq!(t.big(), [-BigInt::from(i128::MIN), BigInt::from(-3), -BigInt::from(i128::MIN)]);
+        assert_eq!((t.sign_of_last(), t.negated().sign_of_last()), (Ordering::Greater, Ordering::Less));
     }
 }
