@@ -54,7 +54,7 @@ fn only() -> String {
     std::env::var("UMBRAGE_ATTACK").unwrap_or_default()
 }
 
-/// In long runs of one attack: which light of `LIGHTS`; without it all. A map can take minutes, and a run be cut short.
+/// In long runs at 65,536: which light of `LIGHTS`, by its place; without it the first four. A map can take minutes, and a run be cut short.
 fn light() -> Option<usize> {
     std::env::var("UMBRAGE_LIGHT").ok().and_then(|s| s.parse().ok())
 }
