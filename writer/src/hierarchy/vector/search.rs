@@ -123,7 +123,9 @@ struct Tip {
     plane: Plane,
     /// Texels inside the region whose interval is empty.
     edges: u64,
-    /// Up to this distance of front and end the stretch is known to begin and end there.
+    /// The end's neighbour in the same face, or the end.
+    mate: u32,
+    /// Up to this distance of front and end the stretch is known to begin at the one and to end at the other or its mate.
     far: f64,
     /// How far the stretch's ends may lie off the planes of the two, in depth.
     bend: f64,
@@ -450,7 +452,7 @@ impl<'a> Search<'a> {
                         return Some((palette.entry(Entry::Plane(own)), None));
                     }
                 }
-                let tip = Tip { front, end, plane, edges: 0, far: 0.0, bend: 0.0 };
+                let tip = Tip { front, end, plane, edges: 0, mate: end, far: 0.0, bend: 0.0 };
                 if self.may_be_tip(&plane) {
                     let found = self.tip(list, region, tip).or_else(|| {
                         let plane = self.moved(palette, plane)?;

@@ -7,7 +7,7 @@ use crate::hierarchy::vector::segment::{AROUND, border, clip_segment, clip_to_su
 use crate::hierarchy::vector::texels::allows;
 use crate::interval::proof::{HalfPlane, Region, clearance};
 use crate::interval::texel::texel;
-use crate::interval::triangle::{Cover, Local};
+use crate::interval::triangle::Cover;
 use crate::interval::{DEEPEST, Event, Interval, wide};
 use umbrage_format::projection::UNCOVERED;
 
@@ -229,9 +229,7 @@ impl Search<'_> {
             if around.iter().any(|q| apart(q) > t.far) {
                 return false;
             }
-            let mates = self.edges[e.index as usize].across;
-            let ends = tip.list.iter().map(|n| &self.rays.locals[*n as usize]).filter(|l| mates.contains(&l.index));
-            let ends: Vec<&Local> = ends.chain([e]).collect();
+            let ends = [e, &self.rays.locals[t.mate as usize]];
             other.list.iter().all(|n| {
                 ends.iter().all(|e| {
                     let l = &self.rays.locals[*n as usize];

@@ -35,14 +35,14 @@ impl Search<'_> {
     /// The tip with what is known of it, if its plane answers the region.
     pub(super) fn tip(&mut self, list: &[u32], region: Region<'_>, tip: Tip) -> Option<Tip> {
         self.close.clear();
-        let bend = self.is_tip(list, region, tip)?;
+        let (bend, mate) = self.is_tip(list, region, tip)?;
         let edges = self.tip_fits(region, tip, bend)?;
-        Some(Tip { edges, far: self.far(tip, bend), bend, ..tip })
+        Some(Tip { edges, mate, far: self.far(tip, bend), bend, ..tip })
     }
 
-    /// Whether, where front and end are close, the stretch of every ray begins at the one and ends at the other, or at their
-    /// neighbours in the same faces: then how far these lie off the planes of the two, in depth.
-    pub(super) fn is_tip(&mut self, list: &[u32], region: Region<'_>, tip: Tip) -> Option<f64> {
+    /// Whether, where front and end are close, the stretch of every ray begins at the one and ends at the other, or at a
+    /// neighbour in the same face: then how far these lie off the planes of the two, in depth, and the end's neighbour.
+    pub(super) fn is_tip(&mut self, list: &[u32], region: Region<'_>, tip: Tip) -> Option<(f64, u32)> {
         let e = &self.rays.locals[tip.end as usize];
         let f = &self.rays.locals[tip.front as usize];
         let near = |far: f64| [f.sx - e.sx, f.sy - e.sy, far - (e.z0 - f.z0)];
@@ -86,10 +86,10 @@ impl Search<'_> {
         let region = Region { lines: &lines, ..region };
         self.polygon.region(&region);
         if self.polygon.extent(0).is_none() {
-            return Some(bend);
+            return Some((bend, end));
         }
         let rest: Vec<u32> = list.iter().copied().filter(|i| self.reaches(*i, far)).collect();
-        self.holds(Entry::Plane(tip.plane), &rest, region, false).then_some(bend)
+        self.holds(Entry::Plane(tip.plane), &rest, region, false).then_some((bend, end))
     }
 
     /// Where front and end are at least `far` apart in the region's square, and a little more.
