@@ -26,6 +26,8 @@ const TILE_LEVEL: u8 = 8;
 const TILE_LIST: usize = 96;
 /// From this level on a node's entry is the one that answers the most of its area.
 const AREA_LEVEL: u8 = 6;
+/// So many triangles further what is steep beside a face is known.
+const FACE_STEPS: usize = 2;
 /// Entries from further up that are tried first.
 const MOST_ABOVE: usize = 4;
 
@@ -75,7 +77,7 @@ pub fn build(mesh: &SnappedMesh, options: Options, spool: Spool, progress: &Prog
 }
 
 /// For each surface the edges at which the front of its solid ends, seen from the light (as many entering surfaces run
-/// along it one way as the other everywhere else), and its neighbours.
+/// along it one way as the other everywhere else), its neighbours, and how steep these are beside its face.
 fn edges(surfaces: &[Surface]) -> Vec<Edges> {
     let edge = |s: &Surface, k: usize| {
         let j = (k + 1) % 3;
@@ -113,7 +115,20 @@ fn edges(surfaces: &[Surface]) -> Vec<Edges> {
             }
         }
     }
+    // beside each triangle of a face is what lies beside the face
+    for _ in 0..FACE_STEPS {
+        for n in 0..out.len() {
+            let of_face = out[n].across.into_iter().filter(|m| *m != u32::MAX && is_one_face(surfaces, n as u32, *m));
+            out[n].beside = of_face.map(|m| out[m as usize].beside).fold(out[n].beside, f64::max);
+        }
+    }
     out
+}
+
+/// Whether two surfaces lie in one plane, but for what snapping does.
+fn is_one_face(surfaces: &[Surface], n: u32, m: u32) -> bool {
+    let [[x, y], [u, v]] = [n, m].map(|i| gradient(&surfaces[i as usize]));
+    (x - u).abs() + (y - v).abs() <= 1e-3 * (x.abs() + y.abs())
 }
 
 impl Context<'_> {

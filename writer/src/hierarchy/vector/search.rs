@@ -95,7 +95,7 @@ pub struct Edges {
     pub silhouettes: u8,
     /// The surfaces behind the others, `u32::MAX` where there is none.
     pub across: [u32; 3],
-    /// The steepest of these: depth per lattice step, both axes together.
+    /// The steepest of these, and of those of other triangles in the same face: depth per lattice step, both axes together.
     pub beside: f64,
 }
 
