@@ -100,7 +100,8 @@ fn edges(surfaces: &[Surface]) -> Vec<Edges> {
         let (balance, runs) = found[&key];
         (balance == 0).then_some(runs[usize::from(way > 0)]).filter(|m| *m != n && *m != u32::MAX)
     };
-    let mut out = vec![Edges { silhouettes: 0, across: [u32::MAX; 3], beside: 0.0 }; surfaces.len()];
+    let mut out = vec![Edges { silhouettes: 0, across: [u32::MAX; 3], beside: 0.0, face: 0 }; surfaces.len()];
+    (0..).zip(&mut out).for_each(|(n, e)| e.face = n);
     for (n, s) in (0..).zip(surfaces).filter(|(_, s)| s.event != Event::Wall) {
         let e = &mut out[n as usize];
         for k in 0..3 {
@@ -115,20 +116,34 @@ fn edges(surfaces: &[Surface]) -> Vec<Edges> {
             }
         }
     }
-    // beside each triangle of a face is what lies beside the face
+    let area: Vec<i128> = surfaces.iter().map(Surface::area).map(|a| a as i128).collect();
+    // what is known of one triangle of a face holds for the others
     for _ in 0..FACE_STEPS {
         for n in 0..out.len() {
-            let of_face = out[n].across.into_iter().filter(|m| *m != u32::MAX && is_one_face(surfaces, n as u32, *m));
-            out[n].beside = of_face.map(|m| out[m as usize].beside).fold(out[n].beside, f64::max);
+            for m in out[n].across.into_iter().filter(|m| *m != u32::MAX) {
+                let Edges { face, beside, .. } = out[m as usize];
+                if face == out[n].face || lies_in(&surfaces[n], &surfaces[face as usize]) {
+                    out[n].beside = out[n].beside.max(beside);
+                    let own = out[n].face;
+                    let key = |f: u32| (area[f as usize], std::cmp::Reverse(f));
+                    if key(face) > key(own) {
+                        out[n].face = face;
+                    }
+                }
+            }
         }
     }
     out
 }
 
-/// Whether two surfaces lie in one plane, but for what snapping does.
-fn is_one_face(surfaces: &[Surface], n: u32, m: u32) -> bool {
-    let [[x, y], [u, v]] = [n, m].map(|i| gradient(&surfaces[i as usize]));
-    (x - u).abs() + (y - v).abs() <= 1e-3 * (x.abs() + y.abs())
+/// Whether a surface lies in another one's plane, but for what snapping does.
+fn lies_in(s: &Surface, of: &Surface) -> bool {
+    let [x, y] = gradient(of);
+    let most = 4.0 + 2.0 * (x.abs() + y.abs());
+    (0..3).all(|k| {
+        let depth = of.depth(i64::from(s.x[k]), i64::from(s.y[k]));
+        (depth.floor - i128::from(s.z[k])).abs() as f64 <= most
+    })
 }
 
 impl Context<'_> {

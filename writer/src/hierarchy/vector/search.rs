@@ -38,7 +38,7 @@ use super::entry::{Entry, EntryId, Line, OPEN, Palette, Plane, Scale, behind, be
 use crate::interval::proof::{HalfPlane, Polygon, Prover, Region};
 use crate::interval::ray::{RayScratch, Rays, Stretch};
 use crate::interval::texel::Scratch;
-use crate::interval::triangle::Local;
+use crate::interval::triangle::{Local, Surface};
 use crate::interval::{Event, Interval, wide};
 
 /// Most cuts of a square.
@@ -97,6 +97,8 @@ pub struct Edges {
     pub across: [u32; 3],
     /// The steepest of these, and of those of other triangles in the same face: depth per lattice step, both axes together.
     pub beside: f64,
+    /// The largest triangle of the face, itself or another one: all have the planes of this one.
+    pub face: u32,
 }
 
 /// A part of the square and what answers it.
@@ -390,7 +392,6 @@ impl<'a> Search<'a> {
             }
         }
         let texel = 1i64 << self.scale.subtexel_bits;
-        let surface = self.rays.surfaces[self.local(front).index as usize];
         let close = list.len() <= 16;
         let plane = self.behind(front);
         if let Some(plane) = plane.filter(|p| region.size > texel && self.may_slope(p)) {
@@ -428,8 +429,7 @@ impl<'a> Search<'a> {
         }
         // a slope between that of the front and that of the end of the stretch
         if let Some(end) = self.end(list, sample, front) {
-            let ends = self.rays.surfaces[self.local(end).index as usize];
-            if let Some(plane) = between(&surface, &ends, self.guard, self.scale) {
+            if let Some(plane) = between(self.face(front), self.face(end), self.guard, self.scale) {
                 let Region { p, size, lines, .. } = region;
                 let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
                 if self.may_slope(&plane)
@@ -672,16 +672,21 @@ impl<'a> Search<'a> {
         Some((front, self.end(list, p, front)))
     }
 
+    /// What stands for a surface's face.
+    fn face(&self, i: u32) -> &'a Surface {
+        let index = self.local(i).index as usize;
+        &self.rays.surfaces[self.edges[index].face as usize]
+    }
+
     /// The plane just behind a front.
     fn behind(&self, front: u32) -> Option<Plane> {
-        let index = self.local(front).index as usize;
-        behind(&self.rays.surfaces[index], self.edges[index].beside, self.guard, self.scale)
+        behind(self.face(front), self.edges[self.local(front).index as usize].beside, self.guard, self.scale)
     }
 
     /// Planes for masks: behind a front, and between front and end.
     pub fn guesses(&self, (front, end): (u32, Option<u32>)) -> [Option<Plane>; 2] {
-        let f = &self.rays.surfaces[self.local(front).index as usize];
-        let e = end.map(|e| &self.rays.surfaces[self.local(e).index as usize]);
+        let f = self.face(front);
+        let e = end.map(|e| self.face(e));
         [self.behind(front), e.and_then(|e| between(f, e, self.guard, self.scale))]
     }
 }
