@@ -151,6 +151,52 @@ fn level_plates_are_done_by_the_square() {
     }
 }
 
+/// A flat roof that stands out beside a high mast: its silhouettes' intervals are so narrow that no plane is right for some texels.
+fn roof() -> Mesh {
+    let mut mesh = Mesh::default();
+    let (low, high) = (-0.9994, -0.9981);
+    let corners = [[-0.9, low, -0.83], [0.87, low, -0.9], [0.9, low, 0.91], [-0.88, low, 0.86], [0.03, high, -0.07]];
+    let faces = [[0, 1, 2], [0, 2, 3], [0, 4, 1], [1, 4, 2], [2, 4, 3], [3, 4, 0]];
+    mesh.append(&Mesh { positions: corners.to_vec(), triangles: faces.to_vec() });
+    let mast = [[-1.0, -1.0, -1.0], [-0.99, -1.0, -1.0], [-1.0, -1.0, -0.99], [-1.0, 1.0, -1.0]];
+    mesh.append(&Mesh { positions: mast.to_vec(), triangles: vec![[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]] });
+    mesh
+}
+
+/// A large square that one entry answers but for one texel, which has a leaf of its own.
+#[test]
+fn single_texels_beside_an_entry_are_right() {
+    let k = 12;
+    let side = 1u32 << k;
+    let mut found = 0;
+    for light in [[0.0, -1.0, 0.0], [0.02, -1.0, 0.013]] {
+        let lattice = frame::orthographic(light, k, &roof().positions, 0.0).unwrap();
+        let snapped = snap(&roof(), lattice, Policy::Auto).unwrap();
+        let options = Options { exhaustive: false, guard: 3, top_down: false };
+        let tree = vector::build::build(&snapped, options, Spool::in_memory(), &Default::default()).unwrap();
+        let pages: Vec<Page> = tree.spool.pages(tree.root).map(Result::unwrap).collect();
+        let page = |o: u32| {
+            let page = &pages[o as usize];
+            Some(PageView { words: &page.draft.words, first_child: page.first_child, dependencies: &[] })
+        };
+        let at = |x, y| descend(page, 0, k, x, y, 0);
+        let oracle = Oracle::new(&snapped).with_guard(3);
+        for y in 0..side {
+            for x in 0..side {
+                let alone = |level: u8| level >= 5;
+                if at(x, y).level != 0 || !alone(at(x ^ 1, y).level) || !alone(at(x, y ^ 1).level) {
+                    continue;
+                }
+                found += 1;
+                for (u, v) in (x - 2..=x + 2).flat_map(|u| (y - 2..=y + 2).map(move |v| (u, v))) {
+                    assert!(oracle.accepts(u, v, at(u, v).value).0, "{light:?}: {u} {v} beside {x} {y}");
+                }
+            }
+        }
+    }
+    assert!(found > 5, "{found}");
+}
+
 /// A sequence that is the same everywhere.
 struct Random(u64);
 

@@ -26,6 +26,8 @@ const TILE_LEVEL: u8 = 8;
 const TILE_LIST: usize = 96;
 /// From this level on a node's entry is the one that answers the most of its area.
 const AREA_LEVEL: u8 = 6;
+/// From this level on a square may have one texel with an entry of its own: below, dividing it takes no more.
+const EXCEPTED_LEVEL: u8 = 5;
 /// So many triangles further what is steep beside a face is known.
 const FACE_STEPS: usize = 2;
 /// Entries from further up that are tried first.
@@ -272,8 +274,15 @@ impl Tile<'_> {
             return open();
         }
         let facts = self.search.facts();
-        if let Some((id, proven)) = self.search.square(&mut self.forest.palette, (list, over), p, size, above) {
-            return Node { proven: Some(proven), ..Node::leaf(id) };
+        // nodes near the root keep to what every split and mask can refer to
+        let may_except = at.level >= EXCEPTED_LEVEL && self.cx.scale.log2_resolution - at.level > COARSE_DEPTH;
+        let palette = &mut self.forest.palette;
+        if let Some((id, proven)) = self.search.square(palette, (list, over), p, size, above, may_except) {
+            let node = Node { proven: Some(proven), ..Node::leaf(id) };
+            let Some((q, v)) = self.search.exception(palette) else { return node };
+            let texel = [0, 1].map(|i| ((q[i] + corner[i]) >> bits) as u32);
+            let value = palette.entry(Entry::Constant(v));
+            return self.except(node, at.level, texel, value);
         }
         let over = |k: usize| self.over[start + k];
         if let Some(truth) = level(&self.rays, &self.stack[start..], over, p, size, &mut self.scratch) {
@@ -309,6 +318,27 @@ impl Tile<'_> {
         }
         self.search.forget(facts);
         self.cx.merge(at, &mut children, &mut self.forest, &self.exact)
+    }
+
+    /// A leaf at this level that one texel in it has another entry than: empty nodes on the way to it.
+    fn except(&mut self, leaf: Node, level: u8, texel: [u32; 2], entry: EntryId) -> Node {
+        let groups = &mut self.forest.groups;
+        let mut below = NONE;
+        for l in 0..level {
+            let c = ((texel[0] >> l & 1) + 2 * (texel[1] >> l & 1)) as usize;
+            let mut group = Group { mask: Mask(0), entry: [leaf.entry; 4], below: [NONE; 4], proven: 0 };
+            let mut types = [NodeType::None; 4];
+            types[c] = if l == 0 { NodeType::Leaf } else { NodeType::Empty };
+            group.mask = Mask::new(types);
+            group.below[c] = below;
+            if l == 0 {
+                group.entry[c] = entry;
+            }
+            groups.push(group);
+            below = groups.len() as u32 - 1;
+        }
+        let cost = u32::from(level) * super::page::GROUP_COST + self.forest.price(entry);
+        Node { below, cost, ..leaf }
     }
 
     /// Puts what lies in a square, of the stack's `start..end`, on top of the stack.

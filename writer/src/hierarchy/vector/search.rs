@@ -125,6 +125,8 @@ struct Tip {
     plane: Plane,
     /// Texels inside the region whose interval is empty.
     edges: u64,
+    /// Corner of a texel with its centre in the region for which the plane is wrong.
+    excepted: Option<[i64; 2]>,
     /// The end's neighbour in the same face, or the end.
     mate: u32,
     /// Up to this distance of front and end the stretch is known to begin at the one and to end at the other or its mate.
@@ -166,6 +168,10 @@ pub struct Search<'a> {
     /// Texels that are looked at one by one.
     doubtful: Vec<[i64; 2]>,
     close: Vec<[i64; 2]>,
+    /// Whether the square's entry may be wrong for one texel.
+    may_except: bool,
+    /// Corner of that texel.
+    excepted: Option<[i64; 2]>,
     near: Vec<u32>,
     /// Which of the tile's surfaces cover the square, of those in its list.
     covers: Vec<bool>,
@@ -203,6 +209,8 @@ impl<'a> Search<'a> {
             inner: Vec::new(),
             doubtful: Vec::new(),
             close: Vec::new(),
+            may_except: false,
+            excepted: None,
             near: Vec::new(),
             covers,
             whole: Vec::new(),
@@ -229,6 +237,7 @@ impl<'a> Search<'a> {
     /// An entry for the tile-relative square, and whether it is proven between the texels' centres, too; `list` holds the
     /// surfaces that overlap the square, sorted by solid, and `over` which of them cover all of it. Entries of `above` are tried
     /// first, in this order. Where there is none, what was proven of parts of the square is kept for squares in it.
+    /// With `may_except` the entry may be wrong for one texel, which [`Self::exception`] tells.
     pub fn square(
         &mut self,
         palette: &mut Palette,
@@ -236,7 +245,9 @@ impl<'a> Search<'a> {
         p: [i64; 2],
         size: i64,
         above: &[EntryId],
+        may_except: bool,
     ) -> Option<(EntryId, bool)> {
+        (self.may_except, self.excepted) = (may_except, None);
         list.iter().zip(over).for_each(|(i, over)| self.covers[*i as usize] = *over);
         if list.len() > PROOF_LIST {
             return None;
@@ -254,9 +265,10 @@ impl<'a> Search<'a> {
         let id = self.cell(palette, list, p, size, &mut Vec::new());
         let level = (size >> self.scale.subtexel_bits).trailing_zeros() as usize;
         let id = id.filter(|id| {
-            self.cells.len() == 1
-                || (palette.price(*id, mark) <= PRICES.get(level).copied().unwrap_or(u32::MAX)
-                    && self.sound(palette, *id, p, size))
+            (0..self.cells.len()).all(|n| self.cells[n].tip.and_then(|t| t.excepted).is_none_or(|q| self.except(q)))
+                && (self.cells.len() == 1
+                    || (palette.price(*id, mark) <= PRICES.get(level).copied().unwrap_or(u32::MAX)
+                        && self.sound(palette, *id, p, size)))
         });
         let Some(id) = id else {
             palette.back(mark);
@@ -265,6 +277,21 @@ impl<'a> Search<'a> {
         self.facts.truncate(facts);
         self.edge_texels += self.cells.iter().filter_map(|c| c.tip).map(|t| t.edges).sum::<u64>();
         Some((id, self.is_proven(p, size)))
+    }
+
+    /// Whether the entry may be wrong for a texel: for one it may.
+    fn except(&mut self, q: [i64; 2]) -> bool {
+        let free = self.may_except && self.excepted.is_none();
+        if free {
+            self.excepted = Some(q);
+        }
+        free || self.excepted == Some(q)
+    }
+
+    /// Corner of the texel for which the entry of the last square is wrong, and a value that is right.
+    pub fn exception(&mut self, palette: &Palette) -> Option<([i64; 2], u32)> {
+        let q = self.excepted?;
+        Some((q, known(palette, self.interval(q))))
     }
 
     fn half_planes(&self, path: &[(usize, bool)]) -> Vec<HalfPlane> {
@@ -366,8 +393,8 @@ impl<'a> Search<'a> {
             match tip {
                 None => return Some((palette.entry(value), None)),
                 Some(tip) => {
-                    if let Some(edges) = self.tip_fits(region, tip, tip.bend) {
-                        return Some((palette.entry(value), Some(Tip { edges, ..tip })));
+                    if let Some(tip) = self.tip_fits(region, tip, self.may_except) {
+                        return Some((palette.entry(value), Some(tip)));
                     }
                 }
             }
@@ -452,15 +479,10 @@ impl<'a> Search<'a> {
                         return Some((palette.entry(Entry::Plane(own)), None));
                     }
                 }
-                let tip = Tip { front, end, plane, edges: 0, mate: end, far: 0.0, bend: 0.0 };
-                if self.may_be_tip(&plane) {
-                    let found = self.tip(list, region, tip).or_else(|| {
-                        let plane = self.moved(palette, plane)?;
-                        self.tip(list, region, Tip { plane, ..tip })
-                    });
-                    if let Some(tip) = found {
-                        return Some((palette.entry(Entry::Plane(tip.plane)), Some(tip)));
-                    }
+                if self.may_be_tip(&plane)
+                    && let Some(tip) = self.tip(palette, list, region, (front, end), plane)
+                {
+                    return Some((palette.entry(Entry::Plane(tip.plane)), Some(tip)));
                 }
             }
         }

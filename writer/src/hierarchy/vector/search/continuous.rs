@@ -102,7 +102,7 @@ impl Search<'_> {
                 let Some(sample) = self.prover.sample(&region) else { return false };
                 let Some(front) = self.front(list, sample) else { return false };
                 let Some(end) = self.end(list, sample, front) else { return false };
-                let tip = Tip { front, end, plane, edges: 0, mate: end, far: 0.0, bend: 0.0 };
+                let tip = Tip { front, end, plane, edges: 0, excepted: None, mate: end, far: 0.0, bend: 0.0 };
                 let Some((bend, mate)) = self.is_tip(list, region, tip) else { return false };
                 let tip = Tip { mate, far: self.far(tip, bend), bend, ..tip };
                 self.is_seen(p, size, path, Some(tip))

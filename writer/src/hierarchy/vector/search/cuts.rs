@@ -160,15 +160,17 @@ impl Search<'_> {
     }
 
     /// Whether the stored line tells the side of every texel centre of the square as the exact one does, with room for
-    /// the rounding of pages; the number of texels that it crosses.
-    pub(super) fn told(&self, cut: usize, p: [i64; 2], size: i64) -> Option<u64> {
+    /// the rounding of pages, but for a texel that may be excepted; the number of texels that it crosses.
+    pub(super) fn told(&mut self, cut: usize, p: [i64; 2], size: i64) -> Option<u64> {
         let Cut { inside, line, beyond, .. } = self.cuts[cut];
         let (u, t) = if line.axis { (1, 0) } else { (0, 1) };
         let bits = self.scale.subtexel_bits;
         let texel = 1i64 << bits;
         let corner = self.rays.corner.map(|c| c >> bits);
         let (first, count) = (p.map(|v| v >> bits), size >> bits);
-        let look = |n: i64| {
+        // the stored line and the exact one lie so close that they can only differ on centres within this
+        let off = line.off(&inside, self.rays.corner, p, size, self.scale) / texel as f64 + ROUNDING;
+        let mut look = |n: i64| {
             let boundary = line.boundary((corner[u] + n) * 256 + 128) - (corner[t] << 20);
             // the first centre at or beyond the boundary: T = 2^20 t + 2^19
             let at = (boundary - (1 << 19) + (1 << 20) - 1) >> 20;
@@ -181,7 +183,8 @@ impl Search<'_> {
                 q[u] = n * texel + texel / 2;
                 q[t] = c * texel + texel / 2;
                 let side = inside.at(q);
-                if room < 4 || side == 0 || (side > 0) != (is_beyond == beyond) {
+                let told = room >= 4 && side != 0 && (side > 0) == (is_beyond == beyond);
+                if !told && !self.except(q.map(|v| v - texel / 2)) {
                     return None;
                 }
             }
@@ -199,12 +202,10 @@ impl Search<'_> {
             Some(())
         };
         let (from, to) = (first[u], first[u] + count);
-        // the stored line and the exact one lie so close that they can only differ on centres within this
-        let off = line.off(&inside, self.rays.corner, p, size, self.scale) / texel as f64 + ROUNDING;
         if count >= MANY_COLUMNS && off < 0.1 {
             Band::new(&line, corner, from, bits).near_centres(from, to, off, look)?;
         } else {
-            (from..to).try_for_each(look)?;
+            (from..to).try_for_each(&mut look)?;
         }
         let row = |n: i64| (line.boundary((corner[u] + n) * 256) - (corner[t] << 20)) >> 20;
         Some(crossed(row, (from, to), (first[t], first[t] + count - 1)))

@@ -2,7 +2,7 @@
 
 use super::strip::strip;
 use super::{MANY_TEXELS, MOST_CLOSE, MOST_MOVED, MOST_STRIP, MOST_TIPS, Search, Tip};
-use crate::hierarchy::vector::entry::{Entry, Palette, Plane};
+use crate::hierarchy::vector::entry::{Entry, Palette, Plane, between};
 use crate::interval::proof::{HalfPlane, Region, strictly_behind};
 use crate::interval::{Event, Interval, ceil};
 
@@ -32,12 +32,35 @@ impl Search<'_> {
         None
     }
 
-    /// The tip with what is known of it, if its plane answers the region.
-    pub(super) fn tip(&mut self, list: &[u32], region: Region<'_>, tip: Tip) -> Option<Tip> {
+    /// A tip that answers the region: with this plane, with one near by where single texels need it, with one of just these
+    /// two surfaces, or with this one but for a texel.
+    pub(super) fn tip(
+        &mut self,
+        palette: &Palette,
+        list: &[u32],
+        region: Region<'_>,
+        (front, end): (u32, u32),
+        plane: Plane,
+    ) -> Option<Tip> {
+        let tip = Tip { front, end, plane, edges: 0, excepted: None, mate: end, far: 0.0, bend: 0.0 };
+        let found = self.tip_with(list, region, tip, false);
+        // other planes help where single texels are wrong
+        if found.is_some() || self.close.is_empty() {
+            return found;
+        }
+        let moved = self.moved(palette, plane);
+        let [f, e] = [front, end].map(|i| &self.rays.surfaces[self.rays.locals[i as usize].index as usize]);
+        let own = between(f, e, self.guard, self.scale).filter(|own| *own != plane);
+        let others = [moved, own].into_iter().flatten();
+        let found = others.map(|plane| Tip { plane, ..tip }).find_map(|tip| self.tip_with(list, region, tip, false));
+        found.or_else(|| if self.may_except { self.tip_with(list, region, tip, true) } else { None })
+    }
+
+    /// The tip with what is known of it, if its plane answers the region; with `but_one` all of it but a texel.
+    fn tip_with(&mut self, list: &[u32], region: Region<'_>, tip: Tip, but_one: bool) -> Option<Tip> {
         self.close.clear();
         let (bend, mate) = self.is_tip(list, region, tip)?;
-        let edges = self.tip_fits(region, tip, bend)?;
-        Some(Tip { edges, mate, far: self.far(tip, bend), bend, ..tip })
+        self.tip_fits(region, Tip { mate, far: self.far(tip, bend), bend, ..tip }, but_one)
     }
 
     /// Whether, where front and end are close, the stretch of every ray begins at the one and ends at the other, or at a
@@ -121,16 +144,17 @@ impl Search<'_> {
 
     /// Whether the tip's plane is right where front and end are close: for every texel inside the region, and for the
     /// centres of those that are not inside, or have an empty interval. Some for which rounding may matter are looked at one
-    /// by one. Returns the number of those with an empty interval.
-    pub(super) fn tip_fits(&mut self, region: Region<'_>, tip: Tip, bend: f64) -> Option<u64> {
-        let own = TipPlane::new(self, tip, bend);
+    /// by one; with `but_one` it may be wrong for one of these. Then the tip with that one, and the number of those with an empty
+    /// interval.
+    pub(super) fn tip_fits(&mut self, region: Region<'_>, tip: Tip, but_one: bool) -> Option<Tip> {
+        let own = TipPlane::new(self, tip, tip.bend);
         let (dz, dx, dy) = own.gap;
         let texel = 1i64 << self.scale.subtexel_bits;
         self.close.clear();
         self.polygon.region(&region);
-        self.polygon.keep_plane(-dx, -dy, self.far(tip, bend) - dz);
+        self.polygon.keep_plane(-dx, -dy, self.far(tip, tip.bend) - dz);
         if self.polygon.extent(1).is_none() {
-            return Some(0);
+            return Some(Tip { edges: 0, excepted: None, ..tip });
         }
         let edges = if region.size >= MANY_TEXELS * texel
             && let Some(edges) = self.few_are_close(region, &own)
@@ -146,9 +170,12 @@ impl Search<'_> {
             }
         };
         let close = std::mem::take(&mut self.close);
-        let right = close.iter().all(|c| self.keeps(Entry::Plane(tip.plane), c.map(|v| v - texel / 2)));
+        let corners = close.iter().map(|c| c.map(|v| v - texel / 2));
+        let mut wrong = corners.filter(|q| !self.keeps(Entry::Plane(tip.plane), *q));
+        let excepted = wrong.next();
+        let right = excepted.is_none() || (but_one && wrong.next().is_none());
         self.close = close;
-        right.then_some(edges)
+        right.then_some(Tip { edges, excepted, ..tip })
     }
 
     /// After [`Self::tip_fits`]: the plane nearest by that is right for the texels that were looked at one by one, where the
