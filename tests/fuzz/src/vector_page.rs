@@ -34,7 +34,7 @@ fn sections(page: &[u32], h: &Header) -> [usize; 10] {
         (page[0] as usize >> 16).div_ceil(2),
         (entries * usize::from(h.index_bits)).div_ceil(32),
         proofs,
-        3 * usize::from(h.lines),
+        line_words(h) * usize::from(h.lines),
         usize::from(h.constants),
         3 * usize::from(h.planes),
         usize::from(h.splits),
@@ -48,6 +48,30 @@ fn sections(page: &[u32], h: &Header) -> [usize; 10] {
     })
 }
 
+fn line_words(h: &Header) -> usize {
+    if h.flags & 2 == 2 { 2 } else { 3 }
+}
+
+/// Offset, slopes and shift of a plane.
+fn plane(w: &[u32]) -> (i128, [i128; 2], u32) {
+    let low = i128::from(w[0]);
+    if w[1] >> 31 == 0 {
+        return ((signed(w[2] >> 25, 7) << 32) + low, [signed(w[1], 25), signed(w[2], 25)], w[1] >> 25);
+    }
+    // the sign of the slope in x stands with that in y
+    let gx = i128::from(w[1] & 0x3FF_FFFF) - (i128::from(w[2] >> 27 & 1) << 26);
+    ((signed(w[2] >> 28, 4) << 32) + low, [gx, signed(w[2], 27)], 8 + (w[1] >> 26 & 31))
+}
+
+/// Slope, offset and axis of a line.
+fn line(page: &[u32], at: usize, size: usize) -> (i128, i128, bool) {
+    let w = &page[at..at + size];
+    if size == 2 {
+        return (2 * signed(w[0], 31), signed(w[1], 32), w[0] >> 31 == 1);
+    }
+    (signed(w[0], 32), (signed(w[2], 16) << 32) + i128::from(w[1]), w[2] >> 16 & 1 == 1)
+}
+
 /// Value of entry `i` at a place, in 128 bits.
 fn value(page: &[u32], h: &Header, i: usize, x: i128, y: i128) -> u64 {
     let [_, _, _, lines, constants, planes, splits, masks, raws, _] = sections(page, h);
@@ -58,18 +82,16 @@ fn value(page: &[u32], h: &Header, i: usize, x: i128, y: i128) -> u64 {
     }
     let mut i = i - first[0];
     if i < first[1] {
-        let w = &page[planes + 3 * i..];
-        let offset = (signed(w[2] >> 25, 7) << 32) + i128::from(w[0]);
-        let rise = signed(w[1], 25) * x + signed(w[2], 25) * y;
-        return (offset + rise.div_euclid(1 << (w[1] >> 25 & 63))).clamp(0, 0xFFFF_FFFE) as u64;
+        let (offset, [gx, gy], shift) = plane(&page[planes + 3 * i..]);
+        return (offset + (gx * x + gy * y).div_euclid(1 << shift)).clamp(0, 0xFFFF_FFFE) as u64;
     }
     i -= first[1];
     if i < first[2] {
         let s = page[splits + i];
-        let w = &page[lines + 3 * (s & 1023) as usize..];
-        let (u, t) = if w[2] >> 16 & 1 == 1 { (y, x) } else { (x, y) };
-        let c = (signed(w[2], 16) << 32) + i128::from(w[1]);
-        let beyond = t * 4096 >= c + (signed(w[0], 32) * u).div_euclid(1 << 19);
+        let size = line_words(h);
+        let (m, c, axis) = line(page, lines + size * (s & 1023) as usize, size);
+        let (u, t) = if axis { (y, x) } else { (x, y) };
+        let beyond = t * 4096 >= c + (m * u).div_euclid(1 << 19);
         return value(page, h, (if beyond { s >> 21 } else { s >> 10 & 2047 }) as usize, x, y);
     }
     i -= first[2];
