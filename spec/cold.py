@@ -242,7 +242,8 @@ class Decoder:
     def vector(self):
         out = self.out
         at = 4
-        proofs = self.bits(1)
+        flags = self.bits(2)
+        proofs, short = flags & 1, flags >> 1
         counts = [self.number(at + i) for i in range(6)]
         tell(max(counts) < 1 << 16)
         lines, constants, planes, splits, masks, raws = counts
@@ -250,12 +251,12 @@ class Decoder:
         tell(len(groups) < 1 << 16 and entries < 1 << 16)
         palette = sum(counts[1:])
         width = max(palette - 1, 0).bit_length()
-        pairs = (len(groups), entries), (width | proofs << 8, lines), (constants, planes), (splits, masks), (raws, 0)
+        pairs = (len(groups), entries), (width | flags << 8, lines), (constants, planes), (splits, masks), (raws, 0)
         for i, (low, high) in enumerate(pairs):
             self.put(2 + i, low | high << 16)
         up = lambda a, b: -(-a // b)  # noqa: E731
         lengths = [5 * up(len(groups), 16), up(self.refs, 2), up(entries * width, 32), up(entries * proofs, 32)]
-        lengths += [3 * lines, constants, 3 * planes, splits, 2 * masks, 2 * raws]
+        lengths += [(3 - short) * lines, constants, 3 * planes, splits, 2 * masks, 2 * raws]
         firsts = [7]
         for length in lengths:
             firsts.append(firsts[-1] + length)
@@ -267,7 +268,7 @@ class Decoder:
         starts = [0, constants, constants + planes, constants + planes + splits, palette - raws]
         self.indexes(at + 14, groups, starts, firsts, width, proofs)
         centre, at = 128 << self.level + 1, at + 28
-        self.lines(at + 5, firsts[4], lines, centre)
+        self.lines(at + 5, firsts[4], lines, centre, short)
         value = 0
         for i in range(constants):
             value = value + unzigzag(self.number(at)) & M32
@@ -335,8 +336,8 @@ class Decoder:
             if proofs:
                 self.put(firsts[3] + node // 32, proven << node % 32)
 
-    def lines(self, table, first, count, centre):
-        known = []
+    def lines(self, table, first, count, centre, short):
+        known, bits = [], 32 if short else 48
         for i in range(count):
             symbol = self.symbol(table)
             axis, ago = symbol & 1, symbol >> 1
@@ -345,11 +346,14 @@ class Decoder:
                 m, beside = known[-ago]
                 rise = 0
             else:
-                m, beside = unzigzag(self.number(table + 1)) & M32, 0
+                m, beside = unzigzag(self.number(table + 1)) << short & M32, 0
                 rise = (signed(signed(m) * centre, 64) >> 19) - (centre << 12)
-            offset = unzigzag(self.number(table + 2 + (ago > 0))) - rise + beside & (1 << 48) - 1
-            known.append((m, signed(offset, 48)))
-            self.out[first + 3 * i : first + 3 * i + 3] = m, offset & M32, offset >> 32 | axis << 16
+            offset = unzigzag(self.number(table + 2 + (ago > 0))) - rise + beside & (1 << bits) - 1
+            known.append((m, signed(offset, bits)))
+            if short:
+                self.out[first + 2 * i : first + 2 * i + 2] = m >> 1 | axis << 31, offset
+            else:
+                self.out[first + 3 * i : first + 3 * i + 3] = m, offset & M32, offset >> 32 | axis << 16
 
     def planes(self, table, first, count, centre):
         known, depth = [], 0

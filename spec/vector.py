@@ -29,7 +29,9 @@ class Vector:
         )
         self.width, flags = low & 255, low >> 8
         palette = constants + planes + splits + masks + raws
-        good = 1 <= self.groups <= 32767 and flags <= 1 and unused == 0
+        # Bit 1: lines are short.
+        good = 1 <= self.groups <= 32767 and flags <= (3 if lines else 1) and unused == 0
+        self.line_words = 2 if flags & 2 else 3
         good = good and self.width == max(palette - 1, 0).bit_length()
         need(good, "vector.header", at, [hex(w) for w in words[2:7]])
         # First number of each class.
@@ -38,7 +40,7 @@ class Vector:
         up = lambda a, b: -(-a // b)  # noqa: E731
         lengths = (
             *(5 * up(self.groups, 16), up(self.child_refs, 2), up(self.entries * self.width, 32)),
-            *(up(self.entries, 32) * (flags & 1), 3 * lines, constants, 3 * planes, splits, 2 * masks, 2 * raws),
+            *(up(self.entries, 32) * (flags & 1), self.line_words * lines, constants, 3 * planes, splits, 2 * masks, 2 * raws),
         )
         starts = [7]
         for length in lengths:
@@ -109,8 +111,11 @@ class Vector:
 
     def check_palette(self, lines, at):
         words, n = self.words, len(self.words)
-        for i in range(lines):
-            need(words[self.at["lines"] + 3 * i + 2] >> 17 == 0, "vector.line", at, i)
+        if lines and self.line_words == 3:
+            for i in range(lines):
+                need(words[self.at["lines"] + 3 * i + 2] >> 17 == 0, "vector.line", at, i)
+            short = (m % 2 == 0 and abs(2 * c + 1) < 2**32 for m, c, _ in map(self.line_of, range(lines)))
+            need(not all(short), "vector.line", at, "short lines in 3 words")
         for i in range(self.split - self.plane):
             first = self.at["planes"] + 3 * i
             if words[first + 1] >> 31:
@@ -159,10 +164,17 @@ class Vector:
         base, w1 = self.words[self.at["raws"] + 2 * (i - self.raw) :][:2]
         return [base + (self.bits(w1 & 0xFFFF, w1 >> 16 & 63, k) << (w1 >> 22 & 31)) for k in range(16)]
 
+    def line_of(self, i):
+        """m, c and axis of line i."""
+        first, second, *last = self.words[self.at["lines"] + self.line_words * i :][: self.line_words]
+        if not last:
+            return 2 * signed(first, 31), signed(second, 32), first >> 31
+        return signed(first, 32), signed(last[0], 16) * 2**32 + second, last[0] >> 16 & 1
+
     def beyond(self, i, x, y):
-        m, c0, w2 = self.words[self.at["lines"] + 3 * i :][:3]
-        u, t = (y, x) if w2 >> 16 & 1 else (x, y)
-        return t * 2**12 >= signed(w2, 16) * 2**32 + c0 + (signed(m, 32) * u >> 19)
+        m, c, axis = self.line_of(i)
+        u, t = (y, x) if axis else (x, y)
+        return t * 2**12 >= c + (m * u >> 19)
 
     def value(self, i, x, y):
         """Value of entry i at a place."""

@@ -152,7 +152,7 @@ rules! {
     VectorDepth "vector.depth" "nodes at level 0 have no children" WRITER;
     VectorPadding "vector.padding" "unused bits of a section are zero" WRITER;
     VectorLevels "vector.levels" "the record's finest level is that of the finest group" WRITER;
-    VectorLine "vector.line" "unused bits of a line are zero" WRITER;
+    VectorLine "vector.line" "unused bits of a line are zero, and lines are short where all of the page may be" WRITER;
     VectorPlane "vector.plane" "a plane is fine only where its slopes need it" WRITER;
     VectorSplit "vector.split" "splits refer to a line and to entries before them, at most 4 deep" WRITER;
     VectorMask "vector.mask" "masks choose among constants and planes" WRITER;

@@ -75,10 +75,10 @@ fn a_proof_too_many_and_a_line_beside_its_edge_are_found() {
     changed(&place, &file, |words| {
         let lines = words[3] >> 16;
         for i in 0..lines as usize {
-            let at = usize::from(Layout::of(words).lines_at) + 3 * i;
-            let c = (u64::from(words[at + 2] & 0xFFFF) << 32 | u64::from(words[at + 1])) + (1 << 14);
-            words[at + 1] = c as u32;
-            words[at + 2] = words[at + 2] & !0xFFFF | (c >> 32) as u32 & 0xFFFF;
+            let layout = Layout::of(words);
+            assert!(layout.short_lines);
+            let at = usize::from(layout.lines_at) + 2 * i + 1;
+            words[at] = words[at].wrapping_add(1 << 14);
         }
     });
     let found = verified(&place, "changed.umb", 1);

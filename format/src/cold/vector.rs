@@ -12,7 +12,7 @@ use core::hint::select_unpredictable;
 use super::tree::GROUPS;
 use super::{Coder, Model, frame, low, plain, put, unzigzag, word, zigzag};
 use crate::kind::Kind;
-use crate::kind::vector::{BLOCK_GROUPS, BLOCK_WORDS, Header, MAX_GROUPS, Plane, TOPOLOGY, packed};
+use crate::kind::vector::{BLOCK_GROUPS, BLOCK_WORDS, Header, Line, MAX_GROUPS, Plane, TOPOLOGY, packed};
 use crate::structure::MAX_LOG2_RESOLUTION;
 
 const COUNTS: usize = plain::COUNT;
@@ -77,8 +77,12 @@ impl<'a> Real<'a> {
         Self { words, header, starts: starts(&header, word(words, 0) >> 16) }
     }
 
+    fn first(&self, section: usize) -> usize {
+        self.starts.get(section).map_or(usize::MAX, |s| *s as usize)
+    }
+
     fn at(&self, section: usize, i: usize) -> u32 {
-        word(self.words, self.starts.get(section).map_or(usize::MAX, |s| (*s as usize).saturating_add(i)))
+        word(self.words, self.first(section).saturating_add(i))
     }
 
     fn bits(&self, section: usize, width: u32, i: u32) -> u32 {
@@ -113,7 +117,7 @@ pub(super) fn walk<C: Coder>(c: &mut C, model: &Model, words: &[u32], out: &mut 
     let (w0, w1) = frame(c, Kind::Vector, words, out)?;
     let real = Real::new(words);
     let h = real.header;
-    let proofs = c.bits(1, || u32::from(h.flags)) != 0;
+    let flags = c.bits(2, || u32::from(h.flags));
     let mut count = |i: usize, known: u16| u16::try_from(c.number(COUNTS + i, || known.into())).ok();
     let (lines, constants, planes) = (count(0, h.lines)?, count(1, h.constants)?, count(2, h.planes)?);
     let (splits, masks, raws) = (count(3, h.splits)?, count(4, h.masks)?, count(5, h.raws)?);
@@ -125,7 +129,7 @@ pub(super) fn walk<C: Coder>(c: &mut C, model: &Model, words: &[u32], out: &mut 
     let mut header = Header {
         groups: u16::try_from(groups.len()).ok()?,
         entries: u16::try_from(entries).ok()?,
-        flags: u8::from(proofs),
+        flags: flags.to_le_bytes()[0],
         lines,
         constants,
         planes,
@@ -155,7 +159,7 @@ pub(super) fn walk<C: Coder>(c: &mut C, model: &Model, words: &[u32], out: &mut 
     indexes(c, &real, out, &groups, &header, base, [indexes_at, proofs_at])?;
     // Half the side of the page's square, in places.
     let centre = 128i64 << (level + 1);
-    each_line(c, &real, out, lines_at, lines, centre)?;
+    each_line(c, &real, out, lines_at, &header, centre)?;
     let mut before = 0u32;
     for i in 0..usize::from(constants) {
         let d = c.number(CONSTANTS, || zigzag(real.at(5, i).wrapping_sub(before).cast_signed().into()));
@@ -343,43 +347,50 @@ fn at_turn<const N: usize>(items: &[u32; N], turn: usize) -> u32 {
     items.get(turn % N).copied().unwrap_or(0)
 }
 
-/// Low 48 bits of c, with sign.
-fn line_offset(w1: u32, w2: u32) -> i64 {
-    (u64::from(w1) << 16 | u64::from(w2 & 0xFFFF) << 48).cast_signed() >> 16
-}
-
 /// How much a line rises from the page's edge to its centre.
-fn to_centre(m: u32, centre: i64) -> i64 {
-    i64::from(m.cast_signed()).wrapping_mul(centre) >> 19
+fn to_centre(m: i32, centre: i64) -> i64 {
+    i64::from(m).wrapping_mul(centre) >> 19
 }
 
-fn each_line<C: Coder>(c: &mut C, real: &Real<'_>, out: &mut [u32], at: usize, count: u16, centre: i64) -> Option<()> {
-    for i in 0..usize::from(count) {
-        let [w0, w1, w2] = [0, 1, 2].map(|k| real.at(4, 3 * i + k));
-        let before = |ago: usize| {
-            let first = at.checked_add(3 * i.checked_sub(ago)?)?;
-            Some([out.get(first).copied()?, out.get(first + 1).copied()?, out.get(first + 2).copied()?])
-        };
+fn each_line<C: Coder>(
+    c: &mut C,
+    real: &Real<'_>,
+    out: &mut [u32],
+    at: usize,
+    header: &Header,
+    centre: i64,
+) -> Option<()> {
+    let (short, size) = (header.flags & Header::SHORT_LINES != 0, header.line_words() as usize);
+    let line = |words: &[u32], first: usize| {
+        let words = words.get(first..)?;
+        Some(if short { Line::decode_short(*words.first_chunk()?) } else { Line::decode(*words.first_chunk()?) })
+    };
+    // Of a short line's slope the lowest bit is zero.
+    let unit = u32::from(short);
+    for i in 0..usize::from(header.lines) {
+        let own = line(real.words, real.first(4).saturating_add(size * i)).unwrap_or_default();
+        let before = |ago: usize| line(out, at.checked_add(size * i.checked_sub(ago)?)?);
         let symbol = c.symbol(LINES, || {
-            let axis = w2 >> 16 & 1;
-            let same = |ago: &u32| before(*ago as usize).is_some_and(|l| l[0] == w0 && l[2] >> 16 & 1 == axis);
-            (1..=RECENT_SLOPES).find(same).unwrap_or(0) << 1 | axis
+            let same = |ago: &u32| before(*ago as usize).is_some_and(|l| l.m == own.m && l.axis == own.axis);
+            (1..=RECENT_SLOPES).find(same).unwrap_or(0) << 1 | u32::from(own.axis)
         });
-        let (axis, ago) = (symbol & 1, symbol >> 1);
+        let (axis, ago) = (symbol & 1 == 1, symbol >> 1);
         let (m, beside) = if ago == 0 {
-            (low(unzigzag(c.number(LINE_SLOPES, || zigzag(w0.cast_signed().into()))).cast_unsigned()), 0)
+            let slope = unzigzag(c.number(LINE_SLOPES, || zigzag((own.m >> unit).into())));
+            ((low(slope.cast_unsigned()) << unit).cast_signed(), 0)
         } else {
-            let [m, w1, w2] = before(ago as usize)?;
-            (m, line_offset(w1, w2))
+            let l = before(ago as usize)?;
+            (l.m, l.c)
         };
         let rise = if ago == 0 { to_centre(m, centre) - (centre << 12) } else { 0 };
         let table = LINE_OFFSETS + usize::from(ago != 0);
-        let d = c.number(table, || zigzag(line_offset(w1, w2).wrapping_add(rise).wrapping_sub(beside)));
-        let offset = unzigzag(d).wrapping_sub(rise).wrapping_add(beside).cast_unsigned();
-        let first = at + 3 * i;
-        put(out, first, m)?;
-        put(out, first + 1, low(offset))?;
-        put(out, first + 2, low(offset >> 32) & 0xFFFF | axis << 16)?;
+        let d = c.number(table, || zigzag(own.c.wrapping_add(rise).wrapping_sub(beside)));
+        let found = Line { m, c: unzigzag(d).wrapping_sub(rise).wrapping_add(beside), axis };
+        let (two, three) = (found.encode_short(), found.encode());
+        let words = if short { &two[..] } else { &three[..] };
+        for (k, word) in words.iter().enumerate() {
+            put(out, at + size * i + k, *word)?;
+        }
     }
     Some(())
 }

@@ -88,7 +88,11 @@ fn the_largest_numbers_answer_as_the_naive_tree() {
             let (m, axis) = (any(32) as i32, any(1) == 0);
             let middle = (1i64 << (log2 + 19)) - ((i64::from(m) << (log2 + 7)) >> 19);
             let c = if any(2) == 0 { any(48) } else { middle + (any(48) >> 20) };
-            Entry::Split(Line { m, c, axis }, Box::new([a, b]))
+            let line = Line { m, c, axis };
+            // the page's lines short, or of any size
+            let c = c.clamp(i32::MIN.into(), i32::MAX.into());
+            let line = if round % 8 < 4 { line } else { Line { m: m & !1, c, axis } };
+            Entry::Split(line, Box::new([a, b]))
         };
         let deep = split(side(), side());
         let deeper = split(deep, side());

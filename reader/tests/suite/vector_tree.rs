@@ -153,8 +153,10 @@ pub fn entry(roll: Roll<'_>, depth: u32) -> Entry {
     };
     match roll(6) {
         0 if depth > 0 => {
-            let (m, c) = (roll(u32::MAX).cast_signed(), i64::from(roll(1 << 26)) - (1 << 24));
-            let line = Line { m, c, axis: roll(2) == 1 };
+            let (m, c) = (roll(u32::MAX), i64::from(roll(1 << 26)) - (1 << 24));
+            // most are short, so that many pages are
+            let m = if m % 8 == 1 { m } else { m & !1 };
+            let line = Line { m: m.cast_signed(), c, axis: roll(2) == 1 };
             Entry::Split(line, Box::new([0; 2].map(|_| half(roll, depth - 1))))
         }
         1 => Entry::Mask(Box::new([0; 3].map(|_| simple(roll))), [0; 16].map(|_| roll(3) as u8)),

@@ -228,8 +228,11 @@ fn entries_at_the_extremes_of_their_fields() {
             entries.push(Entry::Plane(Plane { offset, gx, gy, shift }));
         }
     }
-    for m in [i32::MIN, i32::MAX, -1, 0, 1, 0x1234_5678, -0x1234_5678] {
-        for c in [-(1i64 << 47), (1 << 47) - 1, 0, -1, 1, 1 << 44, (1 << 44) - 1, 1 << 43, -(1 << 43), 0xFFFF_FFFF] {
+    let mut offsets = vec![-(1i64 << 47), (1 << 47) - 1, 0, -1, 1, 1 << 44, (1 << 44) - 1, 1 << 43, -(1 << 43)];
+    offsets.extend([0xFFFF_FFFF, i32::MIN.into(), i32::MAX.into(), 1 << 31, -(1 << 31) - 1]);
+    // short ones among them
+    for m in [i32::MIN, i32::MAX, i32::MAX - 1, -1, -2, 0, 1, 2, 0x1234_5678, -0x1234_5678] {
+        for c in offsets.iter().copied() {
             for axis in [false, true] {
                 let sides = [Entry::Constant(1), Entry::Constant(2)];
                 entries.push(Entry::Split(Line { m, c, axis }, Box::new(sides)));

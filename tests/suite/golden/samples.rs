@@ -283,7 +283,7 @@ const ROWS: &[Row] = &[
     // No group, an unknown flag, a bit too many, a word that is zero; a node less with an entry.
     ("vector.header", "vector", Part(0, "header", 0, 0), &[0], All),
     ("vector.header", "vector", Part(0, "header", 0, 1), &[0x80], All),
-    ("vector.header", "vector", Part(0, "header", 1, 1), &[2], All),
+    ("vector.header", "vector", Part(0, "header", 1, 1), &[4], All),
     ("vector.header", "vector", Part(0, "header", 1, 0), &[9], All),
     ("vector.header", "vector", Part(0, "header", 4, 2), &[1], All),
     ("vector.header", "vector", Part(0, "header", 0, 2), &[6], All),
@@ -303,6 +303,7 @@ const ROWS: &[Row] = &[
     ("vector.padding", "vector", Part(0, "heap", 2, 3), &[1], All),
     ("vector.levels", "vector", Record(0, 2, "level_finest"), &[1], All),
     ("vector.line", "vector", Part(0, "lines", 2, 3), &[1], All),
+    ("vector.line", "vector", Part(0, "lines", 6, 0), &[0], All),
     ("vector.plane", "vector", Part(0, "planes", 1, 3), &[0x80], All),
     ("vector.split", "vector", Part(0, "splits", 0, 0), &[0xFF], All),
     ("vector.split", "vector", Part(0, "splits", 0, 3), &[0xFF], All),

@@ -56,11 +56,13 @@ impl Parts<'_> {
 
     /// The counts; such as are beyond their field are as large as it allows.
     pub fn header(&self) -> Header {
+        let proofs = if self.proofs.is_some() { Header::PROOFS } else { 0 };
+        let short = !self.lines.is_empty() && self.lines.iter().all(Line::is_short);
         let header = Header {
             groups: narrow(self.groups.len()),
             entries: narrow(self.indexes.len()),
             index_bits: 0,
-            flags: if self.proofs.is_some() { Header::PROOFS } else { 0 },
+            flags: proofs | if short { Header::SHORT_LINES } else { 0 },
             lines: narrow(self.lines.len()),
             constants: narrow(self.constants.len()),
             planes: narrow(self.planes.len()),
@@ -89,7 +91,11 @@ pub fn assemble(parts: &Parts<'_>) -> Vec<u32> {
     pack(stubs.map(|(number, _)| number), 16, &mut out);
     pack(parts.indexes.iter().copied(), header.index_bits.into(), &mut out);
     pack(parts.proofs.unwrap_or_default().iter().map(|p| u32::from(*p)), 1, &mut out);
-    out.extend(parts.lines.iter().flat_map(Line::encode));
+    if header.flags & Header::SHORT_LINES == 0 {
+        out.extend(parts.lines.iter().flat_map(Line::encode));
+    } else {
+        out.extend(parts.lines.iter().flat_map(Line::encode_short));
+    }
     out.extend(parts.constants);
     out.extend(parts.planes.iter().flat_map(Plane::encode));
     out.extend(parts.splits.iter().map(Split::encode));

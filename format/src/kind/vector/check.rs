@@ -54,8 +54,9 @@ fn check_header(page: &[u32], head: &FrameHead, cx: &PageContext<'_>) -> Result<
     if h.groups == 0 || h.groups > MAX_GROUPS {
         return fault(2, Value::Between(1, MAX_GROUPS.into()), number(h.groups.into()));
     }
-    if h.flags & !Header::PROOFS != 0 {
-        return fault(3, Value::AtMost(1), number(h.flags.into()));
+    let most = if h.lines == 0 { Header::PROOFS } else { Header::PROOFS | Header::SHORT_LINES };
+    if h.flags > most {
+        return fault(3, Value::AtMost(most.into()), number(h.flags.into()));
     }
     if h.unused != 0 {
         return fault(6, Value::Number(0), number(h.unused.into()));
@@ -187,10 +188,18 @@ impl Checker<'_> {
     }
 
     fn lines_and_planes(&self) -> Result<(), FormatError> {
-        for i in 0..u32::from(self.header.lines) {
-            let at = u32::from(self.layout.lines_at) + 3 * i + 2;
-            if self.word(at) >> 17 != 0 {
-                return self.fault(Rule::VectorLine, at, Value::Number(0), self.word(at) >> 17);
+        if !self.layout.short_lines && self.header.lines > 0 {
+            let mut short = true;
+            for i in 0..self.header.lines {
+                let at = u32::from(self.layout.lines_at) + 3 * u32::from(i) + 2;
+                if self.word(at) >> 17 != 0 {
+                    return self.fault(Rule::VectorLine, at, Value::Number(0), self.word(at) >> 17);
+                }
+                short &= eval::line(self.page, &self.layout, i).is_short();
+            }
+            if short {
+                let expected = Value::Text("short lines, bit 1 of the flags");
+                return self.fault(Rule::VectorLine, 3, expected, self.header.flags.into());
             }
         }
         for i in 0..u32::from(self.header.planes) {

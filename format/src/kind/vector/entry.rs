@@ -144,6 +144,8 @@ impl Plane {
 }
 
 /// A line in the map: a place is beyond it where `T * 2^12 >= c + floor(m U / 2^19)`.
+///
+/// It takes 3 words, or 2 in a page whose lines are all *short*.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Line {
     /// Slope of T over U in 2^-31, from -1 to 1.
@@ -171,6 +173,23 @@ impl Line {
         let [w0, w1, w2] = words;
         let high = (w2 << 16).cast_signed() >> 16;
         Self { m: w0.cast_signed(), c: (high as i64) << 32 | w1 as i64, axis: w2 >> 16 & 1 == 1 }
+    }
+
+    /// Whether it keeps all its bits in 2 words: its slope is even, and `c` has at most 32 bits with sign.
+    pub const fn is_short(&self) -> bool {
+        self.m & 1 == 0 && fits(self.c, u32::BITS)
+    }
+
+    /// The 2 words of a short line.
+    pub const fn encode_short(&self) -> [u32; 2] {
+        [self.m.cast_unsigned() >> 1 | (self.axis as u32) << 31, low(self.c)]
+    }
+
+    /// Reads the 2 words of a short line.
+    #[inline]
+    pub const fn decode_short(words: [u32; 2]) -> Self {
+        let [w0, w1] = words;
+        Self { m: (w0 << 1).cast_signed(), c: w1.cast_signed() as i64, axis: w0 >> 31 == 1 }
     }
 
     /// Whether a place lies beyond the line; each of `x` and `y` from 0 to 2^32.

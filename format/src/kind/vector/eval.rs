@@ -26,7 +26,12 @@ pub fn plane(page: &[u32], l: &Layout, number: u32) -> Plane {
 /// Line `number`.
 #[inline]
 pub fn line(page: &[u32], l: &Layout, number: u16) -> Line {
-    Line::decode(words(page, u32::from(l.lines_at) + 3 * u32::from(number)))
+    let (first, number) = (u32::from(l.lines_at), u32::from(number));
+    if l.short_lines {
+        Line::decode_short(words(page, first + 2 * number))
+    } else {
+        Line::decode(words(page, first + 3 * number))
+    }
 }
 
 /// Split that entry `number` is.

@@ -87,7 +87,7 @@ pub struct Header {
     pub entries: u16,
     /// Bits of an index.
     pub index_bits: u8,
-    /// Bit 0: there are proofs.
+    /// Bit 0: there are proofs. Bit 1: all lines are short.
     pub flags: u8,
     /// Lines.
     pub lines: u16,
@@ -108,6 +108,8 @@ pub struct Header {
 impl Header {
     /// Bit of `flags`: there are proofs.
     pub const PROOFS: u8 = 1;
+    /// Bit of `flags`: all lines are short.
+    pub const SHORT_LINES: u8 = 2;
 
     /// The 5 words.
     pub const fn encode(&self) -> [u32; 5] {
@@ -146,6 +148,12 @@ impl Header {
         u32::BITS - self.palette().saturating_sub(1).leading_zeros()
     }
 
+    /// Words of a line.
+    #[inline]
+    pub const fn line_words(&self) -> u32 {
+        if self.flags & Self::SHORT_LINES == 0 { 3 } else { 2 }
+    }
+
     /// Words of each section, in order, without the heap; `child_refs` is the frame's. None is above 2^20.
     pub const fn section_words(&self, child_refs: u16) -> [u32; 10] {
         let entries = self.entries as u32;
@@ -154,7 +162,7 @@ impl Header {
             (child_refs as u32).div_ceil(2),
             (entries * self.index_bits as u32).div_ceil(32),
             if self.flags & Self::PROOFS == 0 { 0 } else { entries.div_ceil(32) },
-            3 * self.lines as u32,
+            self.line_words() * self.lines as u32,
             self.constants as u32,
             3 * self.planes as u32,
             self.splits as u32,
@@ -202,6 +210,8 @@ pub struct Layout {
     pub index_bits: u8,
     /// Whether there are proofs.
     pub proofs: bool,
+    /// Whether lines are short.
+    pub short_lines: bool,
 }
 
 impl Layout {
@@ -242,6 +252,7 @@ impl Layout {
             first_raw: narrow(first_mask + u32::from(h.masks)),
             index_bits: h.index_bits & 31,
             proofs: h.flags & Header::PROOFS != 0,
+            short_lines: h.flags & Header::SHORT_LINES != 0,
         }
     }
 

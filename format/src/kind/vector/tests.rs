@@ -52,7 +52,14 @@ impl Dice {
     }
 
     fn line(&mut self) -> Line {
+        if self.roll(2) == 0 {
+            return self.short_line();
+        }
         Line { m: self.signed(32) as i32, c: self.signed(48), axis: self.roll(2) == 1 }
+    }
+
+    fn short_line(&mut self) -> Line {
+        Line { m: 2 * self.signed(31) as i32, c: self.signed(32), axis: self.roll(2) == 1 }
     }
 }
 
@@ -63,11 +70,14 @@ fn floor(a: i128, n: u32) -> i128 {
 
 #[test]
 fn planes_and_lines_are_exact_at_every_extreme() {
-    let mut dice = Dice(1);
+    let (mut dice, mut shorts) = (Dice(1), [0; 2]);
     for _ in 0..20_000 {
         let (p, l, x, y) = (dice.plane(), dice.line(), dice.place(), dice.place());
         assert!(p.fits() && l.fits());
         assert_eq!((Plane::decode(p.encode()), Line::decode(l.encode())), (p, l));
+        let short = Line::decode_short(l.encode_short());
+        assert_eq!(short == l, l.is_short(), "{l:?}");
+        shorts[usize::from(l.is_short())] += 1;
         let rise = i128::from(p.gx) * i128::from(x) + i128::from(p.gy) * i128::from(y);
         let exact = (i128::from(p.offset) + floor(rise, p.shift.into())).clamp(0, 0xFFFF_FFFE);
         assert_eq!(i128::from(p.at(x, y)), exact, "{p:?} {x} {y}");
@@ -79,6 +89,7 @@ fn planes_and_lines_are_exact_at_every_extreme() {
         let found = p.bounds(&Square { x0: x, y0: y, x1, y1 });
         assert_eq!(found, (*corners.iter().min().unwrap(), *corners.iter().max().unwrap()));
     }
+    assert!(shorts.iter().all(|n| *n > 5000), "{shorts:?}");
     let fine = Plane { gx: 1 << 24, shift: 8, ..Plane::default() };
     assert!(fine.fits() && Plane { gx: 1 - (1 << 26), gy: -1 << 26, shift: 39, ..fine }.fits());
     assert!(!Plane { shift: 7, ..fine }.fits() && !Plane { shift: 40, ..fine }.fits());
@@ -178,7 +189,9 @@ impl Random {
         }
         let constants: Vec<u32> = (0..1 + dice.roll(4)).map(|_| dice.bits() as u32).collect();
         let planes: Vec<Plane> = (0..dice.roll(5)).map(|_| dice.plane()).collect();
-        let lines: Vec<Line> = (0..1 + dice.roll(3)).map(|_| dice.line()).collect();
+        let short = dice.roll(2) == 0;
+        let line = |dice: &mut Dice| if short { dice.short_line() } else { dice.line() };
+        let lines: Vec<Line> = (0..1 + dice.roll(3)).map(|_| line(dice)).collect();
         let simple = (constants.len() + planes.len()) as u32;
         let mut depths = Vec::new();
         let splits: Vec<Split> = (0..dice.roll(6))
@@ -343,6 +356,38 @@ fn random_pages_pass_their_check_and_keep_their_parts() {
         });
         assert_eq!(told, head.child_refs);
     }
+}
+
+#[test]
+fn a_page_has_one_form_of_lines() {
+    let lines = [Line { m: 2, c: -5, axis: true }];
+    let splits = [Split { line: 0, a: 0, b: 1 }];
+    let parts =
+        Parts { groups: &[1], indexes: &[2], constants: &[7, 9], lines: &lines, splits: &splits, ..Parts::default() };
+    let found = |page: &[u32]| {
+        let (record, structure) = records(page, 0, 0, true);
+        let cx = PageContext { structure: 0, ordinal: 0, page: &record, record: &structure };
+        check(page, &FrameHead::decode(page).unwrap(), &cx).map_err(|e| e.rule)
+    };
+    let page = assemble(&parts);
+    assert!(Layout::of(&page).short_lines && found(&page).is_ok());
+    // the same in 3 words
+    let at = usize::from(Layout::of(&page).lines_at);
+    let mut long = page.clone();
+    long.splice(at..at + 2, lines[0].encode());
+    long[1] += 1;
+    long[3] &= !(u32::from(Header::SHORT_LINES) << 8);
+    assert_eq!(FrameHead::decode(&long).unwrap().words as usize, long.len());
+    assert_eq!(value(&long, &Layout::of(&long), 2, 0, 0), value(&page, &Layout::of(&page), 2, 0, 0));
+    assert_eq!(found(&long).unwrap_err(), crate::Rule::VectorLine);
+    // one that needs them
+    let odd = assemble(&Parts { lines: &[Line { m: 3, ..lines[0] }], ..parts });
+    assert!(!Layout::of(&odd).short_lines && found(&odd).is_ok());
+    // no lines, but short ones
+    let mut none = assemble(&Parts { groups: &[1], indexes: &[0], constants: &[7], ..Parts::default() });
+    assert!(found(&none).is_ok());
+    none[3] |= u32::from(Header::SHORT_LINES) << 8;
+    assert_eq!(found(&none).unwrap_err(), crate::Rule::VectorHeader);
 }
 
 /// Words changed at random: no panic, and what is accepted answers within its bounds.

@@ -84,6 +84,7 @@ struct UmbSections {
     first_raw: u32,
     index_bits: u32,
     proven: bool,
+    short_lines: bool,
 }
 
 fn umb_stubs(page: UmbPage) -> u32 {
@@ -131,6 +132,7 @@ fn umb_sections(page: UmbPage) -> UmbSections {
     let masks = umb_header(page, UMB_MASKS_WORD, UMB_MASKS_SHIFT, UMB_MASKS_BITS);
     let lines = umb_header(page, UMB_LINES_WORD, UMB_LINES_SHIFT, UMB_LINES_BITS);
     s.proven = (flags & UMB_FLAG_PROOFS) != 0u;
+    s.short_lines = (flags & UMB_FLAG_SHORT_LINES) != 0u;
     s.index_bits = bits & 31u;
     var at = umb_stubs_at(page) + (umb_stubs(page) + 1u) / 2u;
     s.indexes = umb_narrow(at);
@@ -138,7 +140,7 @@ fn umb_sections(page: UmbPage) -> UmbSections {
     s.proofs = umb_narrow(at);
     at += select(0u, (entries + 31u) / 32u, s.proven);
     s.lines = umb_narrow(at);
-    at += UMB_LINE_WORDS * lines;
+    at += select(UMB_LINE_WORDS, UMB_SHORT_LINE_WORDS, s.short_lines) * lines;
     s.constants = umb_narrow(at);
     at += constants;
     s.planes = umb_narrow(at);
@@ -185,20 +187,34 @@ fn umb_plane(page: UmbPage, at: u32, place: vec2<u32>) -> u32 {
     return select(min(v.x, UMB_PLANE_MAX), UMB_PLANE_MAX, v.y != 0u);
 }
 
-// Whether a place lies beyond the line at word `at`.
-fn umb_beyond(page: UmbPage, at: u32, place: vec2<u32>) -> bool {
+// Whether a place lies beyond line `line`.
+fn umb_beyond(page: UmbPage, s: UmbSections, line: u32, place: vec2<u32>) -> bool {
     var m = 0u;
     var low = 0u;
-    var last = 0u;
-    if umb_inside(page, at, UMB_LINE_WORDS) {
-        m = umb_pool_word(page.base + at + UMB_LINE_M_WORD);
-        low = umb_pool_word(page.base + at + UMB_LINE_LOW_WORD);
-        last = umb_pool_word(page.base + at + UMB_LINE_HIGH_WORD);
+    var high = 0u;
+    var axis = 0u;
+    if s.short_lines {
+        let at = s.lines + line * UMB_SHORT_LINE_WORDS;
+        if umb_inside(page, at, UMB_SHORT_LINE_WORDS) {
+            // The axis stands above half the slope.
+            let first = umb_pool_word(page.base + at);
+            m = first << 1u;
+            axis = first >> 31u;
+            low = umb_pool_word(page.base + at + 1u);
+            high = bitcast<u32>(bitcast<i32>(low) >> 31u);
+        }
+    } else {
+        let at = s.lines + line * UMB_LINE_WORDS;
+        if umb_inside(page, at, UMB_LINE_WORDS) {
+            m = umb_pool_word(page.base + at + UMB_LINE_M_WORD);
+            low = umb_pool_word(page.base + at + UMB_LINE_LOW_WORD);
+            let last = umb_pool_word(page.base + at + UMB_LINE_HIGH_WORD);
+            axis = (last >> UMB_LINE_AXIS_SHIFT) & 1u;
+            high = bitcast<u32>(extractBits(bitcast<i32>(last), UMB_LINE_HIGH_SHIFT, UMB_LINE_HIGH_BITS));
+        }
     }
-    let axis = (last >> UMB_LINE_AXIS_SHIFT) & 1u;
     let u = select(place.x, place.y, axis == 1u);
     let t = select(place.y, place.x, axis == 1u);
-    let high = bitcast<u32>(extractBits(bitcast<i32>(last), UMB_LINE_HIGH_SHIFT, UMB_LINE_HIGH_BITS));
     let edge = umb_wide_sum(vec2<u32>(low, high), umb_wide_shift(umb_wide_signed_product(bitcast<i32>(m), u), 19u));
     return umb_wide_at_least(vec2<u32>(t << 12u, t >> 20u), edge);
 }
@@ -233,7 +249,7 @@ fn umb_entry(page: UmbPage, s: UmbSections, entry: u32, place: vec2<u32>) -> u32
         for (var depth = 0u; depth < UMB_MAX_DEPTH && number >= s.first_split; depth++) {
             let split = umb_word(page, s.splits + (number - s.first_split) * UMB_SPLIT_WORDS);
             let line = extractBits(split, UMB_SPLIT_LINE_SHIFT, UMB_SPLIT_LINE_BITS);
-            if umb_beyond(page, s.lines + line * UMB_LINE_WORDS, place) {
+            if umb_beyond(page, s, line, place) {
                 number = extractBits(split, UMB_SPLIT_B_SHIFT, UMB_SPLIT_B_BITS);
             } else {
                 number = extractBits(split, UMB_SPLIT_A_SHIFT, UMB_SPLIT_A_BITS);

@@ -46,7 +46,7 @@ pub struct Plane {
 /// The places with `T * 2^12 >= c + floor(m U / 2^19)` are beyond the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Line {
-    /// Slope of T over U in 2^-31.
+    /// Slope of T over U in 2^-31; even.
     pub m: i32,
     /// Intercept in 2^-20 texel.
     pub c: i64,
@@ -185,7 +185,8 @@ impl Line {
         if d[u] == 0 {
             return None;
         }
-        let m = (d[t] as f64 / d[u] as f64 * 2147483648.0).round().clamp(-2147483647.0, 2147483647.0) as i32;
+        // even, so that pages may store it short
+        let m = 2 * (d[t] as f64 / d[u] as f64 * 1073741824.0).round().clamp(-1073741823.0, 1073741823.0) as i32;
         // through the middle, where the rounding of m costs least
         let fine = scale.fine();
         let middle = |i: usize| i128::from(a[i]) + i128::from(b[i]);

@@ -371,18 +371,27 @@ impl<'a> Sheet<'a> {
         let [constants, planes, splits, masks, raws] = [0, 1, 2, 3, 4].map(|i| self.used[i].len() as u32);
         let palette = constants + planes + splits + masks + raws;
         let bits = 32 - palette.saturating_sub(1).leading_zeros();
+        let line_words = if self.lines.iter().all(|l| self.line(*l).is_short()) { 2 } else { 3 };
         let words = 7
             + 5 * (self.masks.len() as u32).div_ceil(16)
             + (self.refs.len() as u32).div_ceil(2)
             + (self.own.len() as u32 * bits).div_ceil(32)
             + if self.is_proven() { (self.own.len() as u32).div_ceil(32) } else { 0 }
-            + 3 * self.lines.len() as u32
+            + line_words * self.lines.len() as u32
             + constants
             + 3 * planes
             + splits
             + 2 * masks
             + self.used[4].iter().map(|id| self.raw(*id)).map(raw_words).sum::<u32>();
         if self.fits() { words * 16 } else { (words * 16).max(ROOT_WORDS * 16 + 16) }
+    }
+
+    /// A line as seen from the page's corner.
+    fn line(&self, number: u32) -> vector::Line {
+        let l = self.palette.lines[number as usize];
+        let shift = self.origin.map(|o| i64::from(o) << 8);
+        let (u, t) = if l.axis { (shift[1], shift[0]) } else { (shift[0], shift[1]) };
+        vector::Line { m: l.m, c: l.boundary(u) - (t << 12), axis: l.axis }
     }
 
     fn raw(&self, id: EntryId) -> &[u32; 16] {
@@ -410,10 +419,6 @@ impl<'a> Sheet<'a> {
             let n = i128::from(p.gx) * i128::from(shift[0]) + i128::from(p.gy) * i128::from(shift[1]);
             vector::Plane { offset: p.offset + (n >> p.shift) as i64, gx: p.gx, gy: p.gy, shift: p.shift }
         };
-        let line = |l: Line| {
-            let (u, t) = if l.axis { (shift[1], shift[0]) } else { (shift[0], shift[1]) };
-            vector::Line { m: l.m, c: l.boundary(u) - (t << 12), axis: l.axis }
-        };
         let at = |id: EntryId| self.number[&id] as u16;
         let line_at: HashMap<u32, u16> = self.lines.iter().copied().zip(0..).collect();
         let (mut constants, mut planes, mut splits, mut masks) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -429,7 +434,7 @@ impl<'a> Sheet<'a> {
                 Entry::Raw(n) => raws.push(self.palette.raws[n as usize]),
             }
         }
-        let lines: Vec<vector::Line> = self.lines.iter().map(|l| line(self.palette.lines[*l as usize])).collect();
+        let lines: Vec<vector::Line> = self.lines.iter().map(|l| self.line(*l)).collect();
         let indexes: Vec<u32> = self.own.iter().map(|o| self.number[&o.entry]).collect();
         let proofs: Vec<bool> = self.own.iter().map(|o| o.proven).collect();
         let words = assemble(&Parts {

@@ -66,9 +66,8 @@ impl Search<'_> {
         doubtful.dedup();
         // wrong ones lie side by side: some from everywhere first
         let mut spread = (0..SPREAD).flat_map(|n| doubtful.iter().skip(n).step_by(SPREAD));
-        let right = spread.all(|q| {
-            self.stored(palette, id, *q).is_some_and(|entry| self.keeps(entry, *q)) || self.except(*q)
-        });
+        let right =
+            spread.all(|q| self.stored(palette, id, *q).is_some_and(|entry| self.keeps(entry, *q)) || self.except(*q));
         self.doubtful = doubtful;
         if right {
             self.edge_texels += edges;
