@@ -361,7 +361,7 @@ impl Palette {
             + match self.get(id) {
                 Entry::Constant(_) => 1,
                 Entry::Plane(_) => 3,
-                Entry::Split { line, .. } => 1 + if (line as usize) < mark.0[1] { 0 } else { 3 },
+                Entry::Split { line, .. } => 1 + if (line as usize) < mark.0[1] { 0 } else { 2 },
                 Entry::Mask { .. } => 2,
                 Entry::Raw(n) => raw_words(&self.raws[n as usize]),
             }
