@@ -118,24 +118,30 @@ fn edges(surfaces: &[Surface]) -> Vec<Edges> {
             }
         }
     }
-    let area: Vec<i128> = surfaces.iter().map(Surface::area).map(|a| a as i128).collect();
-    // what is known of one triangle of a face holds for the others
+    share_faces(surfaces, &mut out);
+    out
+}
+
+/// What is known of one triangle of a face holds for the others: the largest stands for all, and what is steep beside one is
+/// beside all.
+fn share_faces(surfaces: &[Surface], edges: &mut [Edges]) {
+    let size = |n: u32| (surfaces[n as usize].area(), std::cmp::Reverse(n));
     for _ in 0..FACE_STEPS {
-        for n in 0..out.len() {
-            for m in out[n].across.into_iter().filter(|m| *m != u32::MAX) {
-                let Edges { face, beside, .. } = out[m as usize];
-                if face == out[n].face || lies_in(&surfaces[n], &surfaces[face as usize]) {
-                    out[n].beside = out[n].beside.max(beside);
-                    let own = out[n].face;
-                    let key = |f: u32| (area[f as usize], std::cmp::Reverse(f));
-                    if key(face) > key(own) {
-                        out[n].face = face;
-                    }
+        for n in 0..edges.len() {
+            let mut own = edges[n];
+            for m in own.across.into_iter().filter(|m| *m != u32::MAX) {
+                let Edges { face, beside, .. } = edges[m as usize];
+                if face != own.face && !lies_in(&surfaces[n], &surfaces[face as usize]) {
+                    continue;
+                }
+                own.beside = own.beside.max(beside);
+                if size(face) > size(own.face) {
+                    own.face = face;
                 }
             }
+            edges[n] = own;
         }
     }
-    out
 }
 
 /// Whether a surface lies in another one's plane, but for what snapping does.

@@ -455,35 +455,35 @@ impl<'a> Search<'a> {
             return Some((palette.entry(Entry::Constant(v)), None));
         }
         // a slope between that of the front and that of the end of the stretch
-        if let Some(end) = self.end(list, sample, front) {
-            if let Some(plane) = between(self.face(front), self.face(end), self.guard, self.scale) {
-                let Region { p, size, lines, .. } = region;
-                let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
-                if self.may_slope(&plane)
-                    && let window = self.window(sheared.shear)
-                    && self.has_room(&plane, window)
-                    && let Some(range) = self.prover.prove_in(
-                        &self.rays,
-                        list,
-                        &self.covers,
-                        sheared,
-                        self.rays.second_surface,
-                        close,
-                        Some(window),
-                    )
-                {
-                    if self.fits(&plane, range) {
-                        return Some((palette.entry(Entry::Plane(plane)), None));
-                    }
-                    if let Some(own) = self.fitted(palette, &plane, range) {
-                        return Some((palette.entry(Entry::Plane(own)), None));
-                    }
+        if let Some(end) = self.end(list, sample, front)
+            && let Some(plane) = between(self.face(front), self.face(end), self.guard, self.scale)
+        {
+            let Region { p, size, lines, .. } = region;
+            let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
+            if self.may_slope(&plane)
+                && let window = self.window(sheared.shear)
+                && self.has_room(&plane, window)
+                && let Some(range) = self.prover.prove_in(
+                    &self.rays,
+                    list,
+                    &self.covers,
+                    sheared,
+                    self.rays.second_surface,
+                    close,
+                    Some(window),
+                )
+            {
+                if self.fits(&plane, range) {
+                    return Some((palette.entry(Entry::Plane(plane)), None));
                 }
-                if self.may_be_tip(&plane)
-                    && let Some(tip) = self.tip(palette, list, region, (front, end), plane)
-                {
-                    return Some((palette.entry(Entry::Plane(tip.plane)), Some(tip)));
+                if let Some(own) = self.fitted(palette, &plane, range) {
+                    return Some((palette.entry(Entry::Plane(own)), None));
                 }
+            }
+            if self.may_be_tip(&plane)
+                && let Some(tip) = self.tip(palette, list, region, (front, end), plane)
+            {
+                return Some((palette.entry(Entry::Plane(tip.plane)), Some(tip)));
             }
         }
         None
