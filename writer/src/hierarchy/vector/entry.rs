@@ -351,7 +351,7 @@ impl Palette {
         (id as usize) < mark.0[0]
     }
 
-    /// Words that an entry takes that was not there at the mark.
+    /// Words that an entry takes that was not there at the mark; lines as in pages whose lines are short, which most are.
     pub fn price(&self, id: EntryId, mark: Mark) -> u32 {
         if self.is_older(id, mark) {
             return 0;

@@ -4,7 +4,8 @@
 //! front or the end, into a few cells with one each.
 //!
 //! Claim of [`Search::square`]: at every texel of the square the stored function's value lies in the texel's interval
-//! (CONVENTIONS, Intervals: the area interval where it is not empty, else the centre's), and keeps the guard where that is wide.
+//! (CONVENTIONS, Intervals: the area interval where it is not empty, else the centre's), and keeps the guard where that is wide;
+//! but for the one texel that [`Search::exception`] names, which the caller stores apart.
 //!
 //! Argument. A cell's plane P is proven in one of two ways.
 //! - *Slab*: [`Prover::prove_in`] gives sheared depths `low..=high` that are right on every ray of the cell. P lies at
@@ -47,6 +48,8 @@ const MOST_CUTS: usize = 4;
 const PROOF_LIST: usize = 256;
 /// Intervals of texels that are kept.
 const MOST_INTERVALS: usize = 1 << 14;
+/// Most surfaces among which proofs for a new entry look closely.
+const CLOSE_LIST: usize = 16;
 /// Most surfaces of a square that is cut.
 const CUT_LIST: usize = 64;
 /// Maps up to here are so small that the root page holds most of them, where splits and masks can't refer to everything.
@@ -419,32 +422,16 @@ impl<'a> Search<'a> {
             }
         }
         let texel = 1i64 << self.scale.subtexel_bits;
-        let close = list.len() <= 16;
+        let close = list.len() <= CLOSE_LIST;
         let plane = self.behind(front);
-        if let Some(plane) = plane.filter(|p| region.size > texel && self.may_slope(p)) {
-            let Region { p, size, lines, .. } = region;
-            let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
-            let window = self.window(sheared.shear);
-            if self.has_room(&plane, window)
-                && let Some(range) = self.prover.prove_in(
-                    &self.rays,
-                    list,
-                    &self.covers,
-                    sheared,
-                    self.rays.second_surface,
-                    close,
-                    Some(window),
-                )
-            {
-                if self.fits(&plane, range) {
-                    let id = palette.entry(Entry::Plane(plane));
-                    self.remember(id);
-                    return Some((id, None));
-                }
-                if let Some(own) = self.fitted(palette, &plane, range) {
-                    return Some((palette.entry(Entry::Plane(own)), None));
-                }
+        if let Some(plane) = plane.filter(|_| region.size > texel)
+            && let Some(found) = self.sloped(palette, list, region, &plane)
+        {
+            let id = palette.entry(Entry::Plane(found));
+            if found == plane {
+                self.remember(id);
             }
+            return Some((id, None));
         }
         if self.may_be_level()
             && let window = Some(self.window([0.0; 2]))
@@ -458,27 +445,8 @@ impl<'a> Search<'a> {
         if let Some(end) = self.end(list, sample, front)
             && let Some(plane) = between(self.face(front), self.face(end), self.guard, self.scale)
         {
-            let Region { p, size, lines, .. } = region;
-            let sheared = Region { p, size, lines, shear: plane.gradient(self.scale) };
-            if self.may_slope(&plane)
-                && let window = self.window(sheared.shear)
-                && self.has_room(&plane, window)
-                && let Some(range) = self.prover.prove_in(
-                    &self.rays,
-                    list,
-                    &self.covers,
-                    sheared,
-                    self.rays.second_surface,
-                    close,
-                    Some(window),
-                )
-            {
-                if self.fits(&plane, range) {
-                    return Some((palette.entry(Entry::Plane(plane)), None));
-                }
-                if let Some(own) = self.fitted(palette, &plane, range) {
-                    return Some((palette.entry(Entry::Plane(own)), None));
-                }
+            if let Some(found) = self.sloped(palette, list, region, &plane) {
+                return Some((palette.entry(Entry::Plane(found)), None));
             }
             if self.may_be_tip(&plane)
                 && let Some(tip) = self.tip(palette, list, region, (front, end), plane)
@@ -487,6 +455,18 @@ impl<'a> Search<'a> {
             }
         }
         None
+    }
+
+    /// This plane, or one of its slope, if it is right all over the region; after [`Self::probe`].
+    fn sloped(&mut self, palette: &Palette, list: &[u32], region: Region<'_>, plane: &Plane) -> Option<Plane> {
+        let sheared = Region { shear: plane.gradient(self.scale), ..region };
+        let window = self.window(sheared.shear);
+        if !self.may_slope(plane) || !self.has_room(plane, window) {
+            return None;
+        }
+        let (second, close) = (self.rays.second_surface, list.len() <= CLOSE_LIST);
+        let range = self.prover.prove_in(&self.rays, list, &self.covers, sheared, second, close, Some(window))?;
+        if self.fits(plane, range) { Some(*plane) } else { self.fitted(palette, plane, range) }
     }
 
     /// Casts rays at the sample and, in a whole square, at its corners; false where one of them meets nothing.

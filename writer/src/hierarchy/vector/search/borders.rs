@@ -28,7 +28,7 @@ enum Border {
 }
 
 impl Search<'_> {
-    /// Whether all cells fit together, and every centre is told to be in the right one.
+    /// Whether all cells fit together, and every centre is told to be in the right one, but for a texel that may be excepted.
     pub(super) fn sound(&mut self, palette: &Palette, id: EntryId, p: [i64; 2], size: i64) -> bool {
         self.doubtful.clear();
         let most = DOUBTS * (size >> self.scale.subtexel_bits) as usize + 8;
